@@ -111,7 +111,7 @@ def test_once_there_is_light_the_follower_reaches_its_station_in_any_sea(table):
 def test_a_follower_whose_array_is_not_the_scenes_stops_and_says_why():
     scene = load_scene("follow")
     settings = scene.settings()
-    settings["effects"]["field_of_view"] = {"cosine_power": 1.5}  # the scene's detectors have 1
+    settings["effects"]["field_of_view"] = {"cosine_power": 2.0}  # the scene's detectors have 1
     loop = ClosedLoop(Estimator(scene).wait(), np.random.default_rng(1))
     loop._model = ForwardModel(scene_from_settings(settings, "narrow"))
     moments = [loop.step(0.1) for _ in range(90)]

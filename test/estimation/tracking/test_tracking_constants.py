@@ -12,12 +12,7 @@ from tracks import NOISE, OPEN, START_NS, STATION, TENTH_NS, assert_same, motion
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
-from uuv_optical_array.estimation.tracking.tracker import (
-    LEARN_EVERY_S,
-    POSE_STD,
-    RATE_STD,
-    Tracker,
-)
+from uuv_optical_array.estimation.tracking.tracker import POSE_STD, RATE_STD, Tracker
 from uuv_optical_array.estimation.unknowns.constants import Constants
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -25,30 +20,35 @@ pytestmark = pytest.mark.filterwarnings("error")
 # Constants in which the light is linear: nothing ends their learning.
 NAMES, STDS, GAIN_STD = ("ambient.level_counts", "ambient.to_bottom_counts"), (0.1, 0.02), 0.05
 HOLD_S = 60.0  # so short that drift shows
-LINEAR = dataclasses.replace(OPEN, constants_hold_s=HOLD_S, reset_after_s=60.0)
+DRIFTING = dataclasses.replace(OPEN, constants_hold_s=HOLD_S, reset_after_s=60.0)
+STEADY = dataclasses.replace(DRIFTING, constants_hold_s=1e7)
+AWAY = np.array([0.5, 0.3, 0.0, 0.0, 0.0])  # m/s: each frame sees another place
 
 
 def constants(detectors):
     return Constants(NAMES, STDS, GAIN_STD, detectors)
 
 
-def frames(seed, detectors, count=7, least_ns=50_000_000):
-    """Return stamps and readings of light that is linear in pose and constants."""
+def frames(seed, detectors, count=7, truth=None):
+    """Return stamps and readings of light that is linear in pose, constants and gains."""
     rng = np.random.default_rng(seed)
-    stamps = START_NS + np.cumsum(rng.integers(least_ns, least_ns + 900_000_000, count))
+    stamps = START_NS + np.cumsum(rng.integers(500_000_000, 950_000_000, count))
+    truth = np.zeros((count, 2 + detectors)) if truth is None else truth
     found = []
-    for _ in stamps:
-        at = np.concatenate([STATION + 0.1 * rng.standard_normal(5), STDS * rng.standard_normal(2)])
+    for stamp, biases in zip(stamps, truth, strict=True):
+        pose = STATION + (stamp - START_NS) * 1e-9 * AWAY
+        off = np.concatenate([0.1 * rng.standard_normal(5), STDS * rng.standard_normal(2)])
+        at = np.concatenate([pose, [0, 0]]) + off
         variances = rng.uniform(0.5, 2.0, detectors)
         variances[rng.integers(detectors)] = np.inf
         slopes = rng.standard_normal((detectors, 7)) * [9, 9, 9, 50, 50, 30, 90]
-        # Of a vehicle that stands still: no manoeuvre explains its frames better.
         noise = np.sqrt(np.where(np.isfinite(variances), variances, 1.0))
-        residuals = slopes @ (np.array([*STATION, 0, 0]) - at) + noise * rng.standard_normal(
-            detectors
-        )
         light = rng.uniform(5, 30, detectors)
-        found.append(LinearisedReadings(at, residuals, slopes, light, variances))
+        residuals = slopes @ (np.concatenate([pose, biases[:2]]) - at) + light * biases[2:]
+        residuals += noise * rng.standard_normal(detectors)
+        found.append(
+            LinearisedReadings(at, residuals, slopes, light, variances, np.zeros(detectors))
+        )
     return stamps.tolist(), found
 
 
@@ -58,130 +58,120 @@ def fed(tracker, stamps, readings):
     return track
 
 
-def step(step_s, detectors):
-    """Return transition and noise covariance of the whole state, constants and gains included."""
-    size = 12 + detectors
-    transition, noise = np.zeros((size, size)), np.zeros((size, size))
-    transition[:10, :10], noise[:10, :10] = motion(step_s, LINEAR)
-    kept = math.exp(-step_s / HOLD_S)
-    last = np.square([*STDS, *[GAIN_STD] * detectors])
-    transition[10:, 10:] = kept * np.eye(size - 10)
-    noise[10:, 10:] = (1 - kept**2) * np.diag(last)
-    return transition, noise
-
-
-def before_all(at, detectors):
-    mean = np.concatenate([at[:5], np.zeros(7 + detectors)])
-    stds = [*POSE_STD, *RATE_STD, *STDS, *[GAIN_STD] * detectors]
-    return mean, np.diag(np.square(stds))
-
-
 def by_state(readings):
-    """Return slopes by the whole state, what is read of it, and the errors' covariance."""
+    """Return slopes by pose and by biases, what is read of them, and the errors' covariance."""
     says = np.isfinite(readings.variances)
-    slopes = np.hstack(
-        [
-            readings.slopes[:, :5],
-            np.zeros((len(says), 5)),
-            readings.slopes[:, 5:],
-            np.diag(readings.light),
-        ]
-    )
+    by_biases = np.hstack([readings.slopes[:, 5:], np.diag(readings.light)])
     read = readings.residuals + readings.slopes @ readings.at
-    return slopes[says], read[says], np.diag(readings.variances[says])
+    return readings.slopes[says, :5], by_biases[says], read[says], np.diag(readings.variances[says])
 
 
-def regression(stamps, readings, detectors):
-    """Return state and covariance at the last frame, from all frames at once."""
-    size, count = 12 + detectors, len(stamps)
-    mean, covariance = before_all(readings[0].at, detectors)
-    first = np.eye(size, size * count)
-    rows, values = [whitened(covariance, first)], [whitened(covariance, mean)]
+def biases_by_regression(readings, detectors):
+    """Return mean and covariance of the biases by all frames at once, the pose of each free."""
+    stds = np.array([*STDS, *[GAIN_STD] * detectors])
+    size, count = len(stds), len(readings)
+    rows, values = [np.hstack([np.diag(1 / stds), np.zeros((size, 5 * count))])], [np.zeros(size)]
     for k, each in enumerate(readings):
-        slopes, read, noise = by_state(each)
-        row = np.zeros((len(read), size * count))
-        row[:, size * k : size * (k + 1)] = slopes
+        by_pose, by_biases, read, noise = by_state(each)
+        row = np.zeros((len(read), size + 5 * count))
+        row[:, :size], row[:, size + 5 * k : size + 5 * k + 5] = by_biases, by_pose
         rows.append(whitened(noise, row))
         values.append(whitened(noise, read))
-    for k, step_ns in enumerate(np.diff(stamps)):
-        transition, noise = step(step_ns * 1e-9, detectors)
-        row = np.zeros((size, size * count))
-        row[:, size * k : size * (k + 1)] = -transition
-        row[:, size * (k + 1) : size * (k + 2)] = np.eye(size)
-        rows.append(whitened(noise, row))
-        values.append(np.zeros(size))
     q, r = np.linalg.qr(np.vstack(rows))
-    covariance = np.linalg.inv(r)[-size:]
-    return np.linalg.solve(r, q.T @ np.concatenate(values))[-size:], covariance @ covariance.T
+    covariance = np.linalg.inv(r)[:size]
+    return np.linalg.solve(r, q.T @ np.concatenate(values))[:size], covariance @ covariance.T
 
 
-def assert_is(tracker, track, state, covariance):
-    near = {"rtol": 1e-6, "atol": 1e-8}
-    np.testing.assert_allclose([*track.pose, *track.rate], state[:10], **near)
-    np.testing.assert_allclose(track.joint_covariance, covariance[:10, :10], **near)
-    mean, found, _ = tracker.expected(track.stamp_ns)
-    np.testing.assert_allclose(mean, state[10:12], **near)
-    np.testing.assert_allclose(found, covariance[10:12, 10:12], **near)
-    assert list(track.constants) == list(NAMES)
-    for (offset, std), expected, square in zip(
-        track.constants.values(), state[10:12], covariance.diagonal()[10:12], strict=True
-    ):
-        assert (offset, std) == pytest.approx((expected, math.sqrt(square)), rel=1e-6, abs=1e-8)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_pose_constants_and_gains_are_the_least_squares_solution_over_all_frames(seed):
-    stamps, readings = frames(seed, 9, least_ns=round(LEARN_EVERY_S * 1e9))
-    tracker = Tracker(LINEAR, constants=constants(9))
-    track = fed(tracker, stamps, readings)
-    state, covariance = regression(stamps, readings, 9)
-    assert_is(tracker, track, state, covariance)
-    np.testing.assert_allclose(track.gains, state[12:], rtol=1e-6, atol=1e-8)
-
-
-def textbook(stamps, frames_, detectors, learnt):
-    """Filter with whole covariances by Joseph's form; constants are not learnt of every frame."""
-    mean, covariance = before_all(frames_[0].at, detectors)
-    last = -math.inf
-    for k, frame in enumerate(frames_):
+def motion_by_textbook(stamps, readings, biases, skipped=()):
+    """Return pose and rate, filtered with the biases known, and their covariance."""
+    mean = np.concatenate([readings[0].at[:5], np.zeros(5)])
+    covariance = np.diag(np.square([*POSE_STD, *RATE_STD]))
+    for k, each in enumerate(readings):
         if k:
-            transition, noise = step((stamps[k] - stamps[k - 1]) * 1e-9, detectors)
-            mean = transition @ mean
-            covariance = transition @ covariance @ transition.T + noise
-        if frame is None:
+            transition, noise = motion((stamps[k] - stamps[k - 1]) * 1e-9, STEADY)
+            mean, covariance = transition @ mean, transition @ covariance @ transition.T + noise
+        if k in skipped:
             continue
-        due = stamps[k] - last >= LEARN_EVERY_S * 1e9
-        (slopes, read, noise), corrected = by_state(frame), learnt if due else 10
-        last = stamps[k] if due else last
-        spread = slopes @ covariance @ slopes.T + noise
-        gain = np.linalg.solve(spread, slopes @ covariance).T
-        gain[corrected:] = 0.0
-        mean = mean + gain @ (read - slopes @ mean)
-        rest = np.eye(len(mean)) - gain @ slopes
-        covariance = rest @ covariance @ rest.T + gain @ noise @ gain.T
+        by_pose, by_biases, read, noise = by_state(each)
+        by_pose = np.hstack([by_pose, np.zeros((len(read), 5))])
+        gain = np.linalg.solve(by_pose @ covariance @ by_pose.T + noise, by_pose @ covariance).T
+        mean = mean + gain @ (read - by_biases @ biases - by_pose @ mean)
+        covariance = (np.eye(10) - gain @ by_pose) @ covariance
     return mean, covariance
 
 
-@pytest.mark.parametrize(("detectors", "learnt"), [(9, 21), (50, 12)])
-def test_gains_of_many_detectors_are_not_learnt_and_bare_poses_pass_by_a_track_of_readings(
-    detectors, learnt
-):
-    # Of 50 detectors the gains are not learnt, and yet no average takes them away.
-    stamps, stream = frames(5, detectors)
-    stream[3] = None
-    tracker = Tracker(LINEAR, constants=constants(detectors))
-    for stamp, frame in zip(stamps, stream, strict=True):
-        if frame is None:
-            assert tracker.update(stamp, STATION, NOISE).frames == 3
+def state_by_both(stamps, readings, detectors, skipped=()):
+    """Return pose, rate and biases with their covariance: the pose given them, and their spread."""
+    learnt_of = [each for k, each in enumerate(readings) if k not in skipped]
+    biases, spread = biases_by_regression(learnt_of, detectors)
+    mean, covariance = motion_by_textbook(stamps, readings, biases, skipped)
+    slopes = np.array(
+        [
+            motion_by_textbook(stamps, readings, biases + more, skipped)[0] - mean
+            for more in np.eye(len(biases))
+        ]
+    ).T
+    covariance = covariance + slopes @ spread @ slopes.T
+    return np.concatenate([mean, biases]), covariance, spread
+
+
+def assert_is(tracker, track, state, covariance, spread):
+    near = {"rtol": 1e-4, "atol": 1e-6}
+    np.testing.assert_allclose([*track.pose, *track.rate], state[:10], **near)
+    np.testing.assert_allclose(track.joint_covariance, covariance, **near)
+    mean, found, _ = tracker.expected(track.stamp_ns)
+    np.testing.assert_allclose(mean, state[10:12], **near)
+    np.testing.assert_allclose(found, spread[:2, :2], **near)
+    assert list(track.constants) == list(NAMES)
+    for (offset, std), expected, square in zip(
+        track.constants.values(), state[10:12], spread.diagonal()[:2], strict=True
+    ):
+        assert (offset, std) == pytest.approx((expected, math.sqrt(square)), rel=1e-4, abs=1e-6)
+    np.testing.assert_allclose(track.gains, state[12:], **near)
+
+
+@pytest.mark.parametrize(("seed", "detectors"), [(0, 9), (1, 9), (2, 50)])
+def test_biases_are_the_least_squares_solution_and_the_pose_is_filtered_given_them(seed, detectors):
+    stamps, readings = frames(seed, detectors)
+    tracker = Tracker(STEADY, constants=constants(detectors))
+    track = fed(tracker, stamps, readings)
+    assert_is(tracker, track, *state_by_both(stamps, readings, detectors))
+
+
+def test_bare_poses_pass_by_a_track_of_readings():
+    stamps, readings = frames(5, 9)
+    tracker = Tracker(STEADY, constants=constants(9))
+    for k, (stamp, frame) in enumerate(zip(stamps, readings, strict=True)):
+        if k == 3:
+            assert tracker.update(stamp, frame.at[:5], NOISE).frames == 3
         else:
             track = tracker.update(stamp, frame.at[:5], NOISE, frame)
-    assert_is(tracker, track, *textbook(stamps, stream, detectors, learnt))
-    assert track.gains.shape == ((9,) if detectors == 9 else (0,))
+    assert_is(tracker, track, *state_by_both(stamps, readings, 9, skipped=[3]))
+
+
+def test_constants_that_drift_are_followed():
+    count, detectors, rng = 400, 9, np.random.default_rng(4)
+    stds = np.array([*STDS, *[GAIN_STD] * detectors])
+    truth = [stds * rng.standard_normal(2 + detectors)]
+    stamps, _ = frames(4, detectors, count)
+    for step_s in np.diff(stamps) * 1e-9:
+        kept = math.exp(-step_s / HOLD_S)
+        new = math.sqrt(1 - kept**2) * stds * rng.standard_normal(2 + detectors)
+        truth.append(kept * truth[-1] + new)
+    stamps, readings = frames(4, detectors, count, np.array(truth))
+    tracker, squares = Tracker(DRIFTING, constants=constants(detectors)), []
+    for stamp, each, biases in zip(stamps, readings, truth, strict=True):
+        tracker.update(stamp, each.at[:5], NOISE, each)
+        mean, covariance, _ = tracker.expected(stamp)
+        off = mean - biases[:2]
+        squares.append(off @ np.linalg.solve(covariance, off))
+    # Two numbers; the oldest frames count as if what they saw had not moved.
+    assert 1 < np.mean(squares) < 4
 
 
 def test_bare_poses_alone_become_the_track_and_readings_begin_it_anew():
     stamps, readings = frames(5, 9)
-    tracker = Tracker(LINEAR, constants=constants(9))
+    tracker = Tracker(DRIFTING, constants=constants(9))
     tracker.update(stamps[0], readings[0].at[:5], NOISE, readings[0])
     s = 10**9
     for late_s, has, count in (
@@ -196,25 +186,38 @@ def test_bare_poses_alone_become_the_track_and_readings_begin_it_anew():
         assert tracker.update(stamps[0] + late_s * s, STATION, NOISE, with_it).frames == count
 
 
-def test_the_distance_is_that_of_a_jump_of_the_pose_and_not_of_all_readings():
+def test_the_distance_is_that_of_the_pose_that_the_readings_show():
     stamps, readings = frames(6, 9)
-    tracker = Tracker(LINEAR, constants=constants(9))
-    track = fed(tracker, stamps, readings)
-    mean, covariance = textbook(stamps[:-1], readings[:-1], 9, 21)
-    transition, noise = step((stamps[-1] - stamps[-2]) * 1e-9, 9)
-    slopes, read, errors = by_state(readings[-1])
-    spread = slopes @ (transition @ covariance @ transition.T + noise) @ slopes.T + errors
-    off = read - slopes @ transition @ mean
-    # How much a free jump of the pose lowers the squares of the residuals.
-    weight = np.linalg.inv(spread)
-    jump = np.linalg.lstsq(whitened(spread, slopes[:, :5]), whitened(spread, off), rcond=None)[0]
-    left = off - slopes[:, :5] @ jump
-    assert track.distance**2 == pytest.approx(off @ weight @ off - left @ weight @ left, rel=1e-6)
+    tracker = Tracker(STEADY, constants=constants(9))
+    fed(tracker, stamps[:-1], readings[:-1])
+    track = tracker.update(stamps[-1], readings[-1].at[:5], 1e4 * NOISE, readings[-1])
+    state, covariance, spread = state_by_both(stamps[:-1], readings[:-1], 9)
+    transition, noise = motion((stamps[-1] - stamps[-2]) * 1e-9, STEADY)
+    slopes = np.array(
+        [
+            motion_by_textbook(stamps[:-1], readings[:-1], state[10:] + more)[0] - state[:10]
+            for more in np.eye(11)
+        ]
+    ).T
+    given = covariance - slopes @ spread @ slopes.T
+    by_pose, by_biases, read, errors = by_state(readings[-1])
+    # By least squares, with the biases as they were expected.
+    pose = np.linalg.lstsq(
+        whitened(errors, by_pose), whitened(errors, read - by_biases @ state[10:]), rcond=None
+    )[0]
+    weight = np.linalg.inv(errors)
+    information = by_pose.T @ weight @ by_pose
+    by = -np.linalg.solve(information, by_pose.T @ weight @ by_biases)
+    by -= (transition @ slopes)[:5]
+    apart = by @ spread @ by.T + np.linalg.inv(information)
+    apart += (transition @ given @ transition.T + noise)[:5, :5]
+    off = pose - (transition @ state[:10])[:5]
+    assert track.distance**2 == pytest.approx(off @ np.linalg.solve(apart, off), rel=1e-3)
 
 
 def test_what_is_learnt_outlives_the_track_and_fades_to_the_prior():
     stamps, readings = frames(7, 9)
-    tracker = Tracker(LINEAR, constants=constants(9))
+    tracker = Tracker(DRIFTING, constants=constants(9))
     np.testing.assert_array_equal(tracker.expected(START_NS)[0], 0.0)
     np.testing.assert_allclose(tracker.expected(START_NS)[1], np.diag(np.square(STDS)), rtol=1e-12)
     fed(tracker, stamps, readings)
@@ -263,7 +266,7 @@ def test_late_frames_with_readings_give_exactly_the_track_of_frames_in_order():
 )
 def test_bad_readings_are_refused_and_leave_no_trace(part, value, message):
     stamps, readings = frames(9, 9, count=4)
-    tracker, untouched = (Tracker(LINEAR, constants=constants(9)) for _ in range(2))
+    tracker, untouched = (Tracker(DRIFTING, constants=constants(9)) for _ in range(2))
     for each in (tracker, untouched):
         fed(each, stamps[:3], readings[:3])
     with np.errstate(all="raise"), pytest.raises(ValueError, match=message):
@@ -275,7 +278,10 @@ def test_bad_readings_are_refused_and_leave_no_trace(part, value, message):
 
 def test_readings_that_cannot_be_linearised_on_the_way_are_taken_as_they_are():
     stamps, readings = frames(5, 6, 3)
-    plain, asked = Tracker(LINEAR, constants=constants(6)), Tracker(LINEAR, constants=constants(6))
+    plain, asked = (
+        Tracker(DRIFTING, constants=constants(6)),
+        Tracker(DRIFTING, constants=constants(6)),
+    )
     places = []
 
     def nowhere(at, of):

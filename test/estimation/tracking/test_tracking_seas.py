@@ -10,7 +10,7 @@ import pytest
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.tracker import LEARN_EVERY_S, Tracker
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.estimation.unknowns.coordinates import frame_of
 from uuv_optical_array.forward.model import ForwardModel
@@ -131,16 +131,21 @@ def test_a_lamp_that_proves_brighter_was_farther_off(range_m):
     pose, brighter = behind(range_m, constants), 0.01
     # On the axis light goes with P exp(-K r) / r^2.
     by_power = range_m / (2 + 0.1 * range_m)
-    at, seen = np.array([*pose, 0.0]), np.eye(5, 6)
+    at, zeros, ones = np.array([*pose, 0.0]), np.zeros(10), np.ones(10)
+    seen = np.eye(10, 6)
     seen[0, 5] = by_power  # where the lamp is brighter, the same image is seen from farther off
-    image = LinearisedReadings(at, np.zeros(5), seen, np.ones(5), np.array([0.25, 1, 1, 1, 1]))
-    tracker.update(1, pose, np.diag([0.25, 1, 1, 1, 1]), image)
-    slope = np.array([[0.0, 0, 0, 0, 0, 1]])
-    told = LinearisedReadings(at, np.array([brighter]), slope, np.ones(1), np.array([1e-9]))
-    track = tracker.update(1 + round(1e9 * LEARN_EVERY_S), pose, np.eye(5), told)
+    variances = np.array([0.25, 1, 1, 1, 1, *[np.inf] * 5])
+    image = LinearisedReadings(at, zeros, seen, ones, variances, zeros)
+    tracker.update(1, pose, np.diag(variances[:5]), image)
+    # Half a metre nearer by its commands, the last reading tells the power.
+    tracker.command(1, [0.5, 0.0, 0.0, 0.0, 0.0])
+    slopes, residuals, blind = np.zeros((10, 6)), np.zeros(10), np.full(10, np.inf)
+    slopes[9, 5], residuals[9], blind[9] = 1.0, brighter, 1e-9
+    told = LinearisedReadings(at, residuals, slopes, ones, blind, zeros)
+    track = tracker.update(1 + 10**9, pose + 0.5 * np.eye(5)[0], np.eye(5), told)
     assert track.constants[NAMES[0]].mean == pytest.approx(brighter, rel=1e-3)
     farther = brighter * by_power
-    assert track.pose[0] == pytest.approx(pose[0] - farther, abs=0.02 * farther)
+    assert track.pose[0] == pytest.approx(pose[0] + 0.5 - farther, abs=0.1 * farther)
 
 
 @pytest.mark.parametrize("range_m", [4.0, 8.0])

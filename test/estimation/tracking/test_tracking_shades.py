@@ -51,6 +51,15 @@ def test_what_a_shade_does_to_two_frames_is_one_error():
     np.testing.assert_allclose(track.covariance, lasts + new, 1e-3, 1e-9)
 
 
+def test_a_clear_frame_outweighs_a_shaded_one_by_all_that_the_shade_may_do():
+    tracker = Tracker(TrackerSettings(common_share=0.0), constants=Constants(unclear_lasts_s=1e6))
+    tracker.update(START_NS, STATION, NOISE, shaded=1.0)
+    track = tracker.update(START_NS + 1000, STATION, NOISE)
+    shaded = SHADE_SHARE * NOISE + CORRELATED_FRAMES * (NOISE - SHADE_SHARE * NOISE)
+    best = np.linalg.inv(np.linalg.inv(shaded) + np.linalg.inv(NOISE))
+    np.testing.assert_allclose(track.covariance, best, 1e-3, 1e-9)
+
+
 def test_uneven_light_is_expected_to_last_and_then_as_often_as_usual():
     tracker = Tracker(TrackerSettings(), constants=Constants(unclear_lasts_s=LASTS_S, uneven=0.02))
     assert tracker.expected(START_NS).uneven == 0.02

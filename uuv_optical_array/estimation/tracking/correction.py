@@ -1,7 +1,7 @@
-"""A track's state corrected by a frame: by its pose, or by its readings.
+"""A track's belief corrected by a frame: by its pose, or by its readings.
 
 Readings are applied in coordinates in which images stay linear (`joint_coordinates`), and are
-linearised once more on the way from the predicted state to the corrected one (`RELINEARISE_AT`).
+linearised once more on the way from the predicted pose to the corrected one (`RELINEARISE_AT`).
 Slopes at the end of that way have the noise of the readings that they weigh, those at its beginning
 leave out the curvature of the light: either biases what is learnt, the same in each frame.
 """
@@ -12,23 +12,22 @@ from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import lapack, solve_triangular
 
 from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
-from uuv_optical_array.estimation.tracking.measurement import (
-    Measurement,
-    Relinearise,
-    checked_readings,
-)
-from uuv_optical_array.estimation.tracking.root_filter import (
-    Gaussian,
+from uuv_optical_array.estimation.tracking.belief import (
+    Biases,
+    BiasSpace,
+    Motion,
     Observation,
     correct,
     triangular,
     weigh,
 )
-from uuv_optical_array.estimation.tracking.state import SLOW, StateSpace
+from uuv_optical_array.estimation.tracking.keyframes import BiasFit, Keyframe, Keyframes
+from uuv_optical_array.estimation.tracking.measurement import Measurement, checked_readings
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import POSE
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.estimation.unknowns.joint_coordinates import AsTheyAre, JointCoordinates
@@ -46,170 +45,217 @@ MOST_COMMON = 0.9
 RELINEARISE_AT = 0.25
 
 
+class Belief(NamedTuple):
+    """What a track believes after a frame.
+
+    - motion, biases: pose and rate given the biases, and these.
+    - keyframes: by which the biases are known.
+    """
+
+    motion: Motion
+    biases: Biases
+    keyframes: Keyframes
+
+
 class Deferred:
-    """A corrected state that is computed when it is first asked for.
+    """A belief that is computed when it is first asked for.
 
     Whether a frame passes the gate is known before, and its pose need not wait for the rest.
     """
 
-    def __init__(self, compute: Callable[[], Gaussian]) -> None:
-        self._compute: Callable[[], Gaussian] | None = compute
-        self._state: Gaussian | None = None
+    def __init__(self, compute: Callable[[], Belief]) -> None:
+        self._compute: Callable[[], Belief] | None = compute
+        self._belief: Belief | None = None
 
-    def __call__(self) -> Gaussian:
-        """Return the state."""
+    def __call__(self) -> Belief:
+        """Return the belief."""
         if self._compute is not None:
-            state, self._compute = self._compute(), None
-            self._state = state._replace(mean=wrapped(state.mean))
-        assert self._state is not None
-        return self._state
+            belief, self._compute = self._compute(), None
+            motion = belief.motion._replace(mean=wrapped(belief.motion.mean))
+            self._belief = belief._replace(motion=motion)
+        assert self._belief is not None
+        return self._belief
 
 
 class Corrected(NamedTuple):
-    """A state corrected by a frame, and distance and cost of the frame as `weigh` returns them."""
+    """A belief corrected by a frame, and distance and cost of the frame as `weigh` returns them."""
 
-    state: Deferred
+    belief: Deferred
     distance: float
     cost: float = 0.0
 
 
 class Correction:
-    """Corrects states by frames.
+    """Corrects beliefs by frames.
 
-    - space: of the state.
+    - space: of the biases.
     - constants: what is not known of the scene.
-    - common_share: of a pose's variance, that all frames have in common, in [0, 1).
+    - settings: of the tracker.
     - gate: distance beyond which readings are not linearised once more.
     """
 
     def __init__(
-        self, space: StateSpace, constants: Constants, common_share: float, gate: float
+        self, space: BiasSpace, constants: Constants, settings: TrackerSettings, gate: float
     ) -> None:
         c, self._space = constants, space
         self._constants = constants
         self._coordinates = JointCoordinates(c.frame, c.names) if c.frame else AsTheyAre()
-        self._white_share, self._gate = math.sqrt(1 - common_share), gate
+        self._white_share, self._gate = math.sqrt(1 - settings.common_share), gate
+        self.fit = BiasFit(space, settings.constants_hold_s, self._coordinates)
 
-    def pose_errors(self, state: Gaussian, frame: Measurement) -> tuple[Array, Array]:
-        """Return how the pose of a frame depends on the state, and its white errors.
+    def pose_errors(self, biases: Biases, frame: Measurement) -> tuple[Array, Array]:
+        """Return how the pose of a frame depends on the biases, and its white errors.
 
-        - state: before the frame.
+        - biases: before the frame.
         - frame: of which the pose is used.
-        - returned root: of the covariance of the white errors, shape ``(5, 5)``.
-        - returned slopes: of the measured pose by the whole state, shape ``(5, size)``.
+        - returned root: of the covariance of the white errors, lower triangular, shape ``(5, 5)``.
+        - returned slopes: of the measured pose by the biases, shape ``(5, k)``.
         """
         of, shades = self._space.constants, self._space.shades
-        slopes, root = np.eye(5, self._space.size), frame.root
+        slopes, root = np.zeros((5, len(biases.mean))), frame.root
         if of.stop > of.start:
             # The fit assumed the expected constants: with others, another range is as bright.
-            at = np.concatenate([frame.pose, state.mean[of]])
+            at = np.concatenate([frame.pose, self._space.offsets(biases.mean)])
             _, by_coordinates = self._coordinates.place(self._coordinates.of(at))
-            slopes[:, of], root = _split(root, -by_coordinates[:5, 5:], state.full_root[of])
+            by_constants = -by_coordinates[:5, 5:] * self._space.stds[of]
+            slopes[:, of], root = _split(root, by_constants, biases.covariance[of, of])
         if shades.stop > shades.start:
             share = SHADE_SHARE * frame.shaded
             white = (1 - share) * (1 + (CORRELATED_FRAMES - 1) * frame.shaded)
             slopes[:, shades], root = math.sqrt(share) * root, math.sqrt(white) * root
         return self._white_share * root, slopes
 
-    def correct(self, state: Gaussian, frame: Measurement, learns: bool) -> Corrected:
-        """Return a state corrected by a frame.
-
-        Constants and gain errors are corrected only where it `learns`, and by readings.
-        """
+    def correct(self, belief: Belief, frame: Measurement) -> Corrected:
+        """Return a belief corrected by a frame; only readings correct the biases."""
         if frame.readings is None:
-            return self._by_pose(state, frame)
-        corrected = self._space.gains.stop if learns else SLOW
-        result = self._by_readings(state, frame.readings, frame.relinearise, corrected)
-        return result._replace(distance=max(result.distance, pose_distance(state, frame)))
+            return self._by_pose(belief, frame)
+        result = self._by_readings(belief, frame, frame.readings)
+        distance = max(result.distance, pose_distance(belief, frame))
+        return result._replace(distance=distance)
 
-    def _by_pose(self, state: Gaussian, frame: Measurement) -> Corrected:
-        root, slopes = self.pose_errors(state, frame)
-        innovation = wrapped(frame.pose - state.mean[POSE])
-        white = solve_triangular(root, np.column_stack([innovation, slopes]), lower=True)
-        observation = Observation(white[:, 0], white[:, 1:], np.ones(5), np.zeros(0))
-        gain, *fit = weigh(state, observation, SLOW)
-        return Corrected(Deferred(lambda: correct(state, observation, gain())), *fit)
+    def _by_pose(self, belief: Belief, frame: Measurement) -> Corrected:
+        motion, biases, _ = belief
+        root, slopes = self.pose_errors(biases, frame)
+        innovation = wrapped(frame.pose - motion.mean[POSE])
+        white = solve_triangular(root, np.column_stack([innovation, np.eye(5), slopes]), lower=True)
+        observation = Observation(white[:, 0], white[:, 1:6], white[:, 6:])
+
+        def finished() -> Belief:
+            return belief._replace(motion=correct(motion, observation, biases.covariance))
+
+        return Corrected(Deferred(finished), *weigh(motion, biases, observation))
 
     def _by_readings(
-        self,
-        state: Gaussian,
-        readings: LinearisedReadings,
-        relinearise: Relinearise | None,
-        corrected: int,
+        self, belief: Belief, frame: Measurement, readings: LinearisedReadings
     ) -> Corrected:
-        coordinates, linear = self._coordinates, self._space.linear
-        here = coordinates.of(state.mean[linear])
-        _, slopes = coordinates.place(here)
-        before = self._transformed(state, np.asarray(np.linalg.inv(slopes)), here)
-        at = coordinates.of(readings.at)
-        _, slopes = coordinates.place(at)
-        observation = self._observation(before, readings, at, slopes)
-        gain_of, distance, cost = weigh(before, observation, corrected)
+        biases, before = belief.biases, self._straight(belief.motion, belief.biases)
+        coordinates, expected = self._coordinates, before.mean[POSE]
+        constants = self._space.offsets(biases.mean)
 
-        def finished() -> Gaussian:
-            used, gain = observation, gain_of()
+        def observation_of(readings: LinearisedReadings) -> Observation:
+            at = coordinates.of(readings.at)
+            slopes = readings.slopes @ coordinates.place(at)[1]
+            off = coordinates.difference(np.concatenate([expected, constants]), at)
+            return self._five_numbers(readings, slopes, off, biases.mean)
+
+        observation = observation_of(readings)
+        distance, cost = weigh(before, biases, observation)
+
+        def finished() -> Belief:
+            used, learnt, keyframes = observation, biases, belief.keyframes
             # A frame beyond the gate is not of this track, wherever it is linearised.
-            if relinearise and distance <= self._gate:
-                step = np.zeros(self._space.size)
-                step[:corrected] = gain @ used.innovation
-                there = before.mean[linear] + RELINEARISE_AT * step[linear]
-                place, slopes = coordinates.place(there)
-                with suppress(ValueError):  # not finite there: the first slopes are used
-                    again = checked_readings(relinearise(place), self._constants)
-                    used = self._observation(before, again, there, slopes)
-                    gain = weigh(before, used, corrected)[0]()
-            after = correct(before, used, gain)
-            place, slopes = coordinates.place(after.mean[linear])
-            return self._transformed(after, slopes, place)
+            if frame.relinearise and distance <= self._gate:
+                step = correct(before, used).mean[POSE] - expected
+                at = np.concatenate([expected + RELINEARISE_AT * step, constants])
+                used = observation_of(self._readings_at(frame, coordinates.place(at)[0]))
+            after = correct(before, used)
+            if keyframes.want(frame.stamp_ns, belief.motion.mean[POSE]):
+                keyframe = self._keyframe(frame, belief, before)
+                keyframes, found = self.fit.fitted(keyframes, keyframe)
+                learnt = self._space.replaced(biases, found)
+            mean = after.mean + after.slopes @ (learnt.mean - biases.mean)
+            return Belief(self._curved(after._replace(mean=mean), learnt), learnt, keyframes)
 
         return Corrected(Deferred(finished), distance, cost)
 
-    def _transformed(self, state: Gaussian, slopes: Array, place: Array) -> Gaussian:
-        """Return a state whose pose is in other coordinates; the constants are the same in all."""
-        mean, root, consider = (part.copy() for part in state)
-        mean[self._space.linear] = place
-        for part in (root, consider):
-            part[POSE] = slopes[:5] @ part[self._space.linear]
-        return Gaussian(mean, root, consider)
-
-    def _observation(
-        self, state: Gaussian, readings: LinearisedReadings, at: Array, by_coordinates: Array
+    def _five_numbers(
+        self, readings: LinearisedReadings, slopes: Array, off: Array, biases: Array
     ) -> Observation:
-        """Return readings that were linearised at some coordinates as an observation of a state."""
-        space = self._space
-        off = self._coordinates.difference(state.mean[space.linear], at)
-        slopes = readings.slopes @ by_coordinates
-        # A reading of infinite variance becomes one that depends on nothing.
-        valid = np.isfinite(readings.variances)
-        innovation = valid * (readings.residuals - slopes @ off)
-        slopes, light = valid[:, None] * slopes, valid * readings.light
-        by_state = np.zeros((len(valid), space.size))
-        by_state[:, POSE], by_state[:, space.constants] = slopes[:, POSE], slopes[:, 5:]
-        if space.gains.stop > space.gains.start:
-            by_gains = light[:, None] * self._constants.by_detector
-            by_state[:, space.gains] = by_gains
-            innovation -= by_gains @ state.mean[space.gains]
-        noise = np.sqrt(np.where(valid, readings.variances, 1.0))
-        consider = self._constants.gain_std * light if space.consider else np.zeros(0)
-        return Observation(innovation, by_state, noise, consider)
+        """Return all that readings say of the pose given the biases.
+
+        - slopes, off: by coordinates of pose and constants, and how far these are off.
+        """
+        of, learnt = self._space.constants, self._space.learnt
+        residuals, by_pose, by_learnt = self._space.whitened(readings, slopes)
+        biased = biases[:learnt].copy()
+        biased[of] = off[5:] / self._space.stds[of]
+        residuals = residuals - by_pose @ off[:5] - by_learnt @ biased
+        # Of as many numbers, whose noise is white, the rest does not depend on the pose
+        # (G. J. Bierman, *Factorization Methods for Discrete Sequential Estimation*, 1977, ch. 4).
+        basis, by_pose = np.linalg.qr(by_pose)
+        by_biases = np.zeros((5, len(biases)))
+        by_biases[:, :learnt] = basis.T @ by_learnt
+        return Observation(basis.T @ residuals, by_pose, by_biases)
+
+    def _keyframe(self, frame: Measurement, belief: Belief, straight: Motion) -> Keyframe:
+        """Return a frame as a keyframe, with the motion before it in straight coordinates, too."""
+        of, expected = slice(self._space.learnt), belief.motion.mean[POSE]
+        place, slopes = straight.mean[POSE], straight.slopes[POSE, of]
+
+        def readings_at(at: Array) -> LinearisedReadings:
+            return self._readings_at(frame, at)
+
+        biases = belief.biases.mean[of]
+        return Keyframe(frame.stamp_ns, expected, place, slopes, biases, readings_at)
+
+    def _readings_at(self, frame: Measurement, at: Array) -> LinearisedReadings:
+        """Return readings linearised at pose and constants, or where that is not finite, as is."""
+        assert frame.readings is not None
+        if frame.relinearise:
+            with suppress(ValueError):
+                return checked_readings(frame.relinearise(at), self._constants)
+        return frame.readings
+
+    def _straight(self, motion: Motion, biases: Biases) -> Motion:
+        """Return pose and rate with the pose in straight coordinates."""
+        mean, root, slopes = (part.copy() for part in motion)
+        offsets, of = self._space.offsets(biases.mean), self._space.constants
+        here = self._coordinates.of(np.concatenate([mean[POSE], offsets]))
+        _, by = self._coordinates.place(here)
+        back = np.linalg.inv(by[:5, :5])
+        slopes[POSE, of] -= by[:5, 5:] * self._space.stds[of]
+        mean[POSE], root[POSE], slopes[POSE] = here[:5], back @ root[POSE], back @ slopes[POSE]
+        return Motion(mean, root, slopes)
+
+    def _curved(self, motion: Motion, biases: Biases) -> Motion:
+        """Return pose and rate with the pose in m and rad again."""
+        mean, root, slopes = (part.copy() for part in motion)
+        offsets, of = self._space.offsets(biases.mean), self._space.constants
+        place, by = self._coordinates.place(np.concatenate([mean[POSE], offsets]))
+        mean[POSE] = place[:5]
+        root[POSE], slopes[POSE] = by[:5, :5] @ root[POSE], by[:5, :5] @ slopes[POSE]
+        slopes[POSE, of] += by[:5, 5:] * self._space.stds[of]
+        return Motion(mean, triangular(root), slopes)
 
 
-def pose_distance(state: Gaussian, frame: Measurement) -> float:
-    """Return the distance of a frame's pose from a state.
+def pose_distance(belief: Belief, frame: Measurement) -> float:
+    """Return the distance of a frame's pose from a belief.
 
-    Readings, which are linear near that pose, say little of a state far from it. Both poses err by
+    Readings, which are linear near that pose, say little of a pose far from it. Both poses err by
     the same constants, so that the distance is rather too small.
     """
-    root = triangular(np.concatenate([state.full_root[POSE], frame.root], axis=1))
-    return float(np.linalg.norm(solve_triangular(root, wrapped(frame.pose - state.mean[POSE]))))
+    spread = belief.motion.covariance(belief.biases)[POSE, POSE] + frame.root @ frame.root.T
+    off = wrapped(frame.pose - belief.motion.mean[POSE])
+    white, _ = lapack.dtrtrs(lapack.dpotrf(spread, lower=1)[0], off, lower=1)
+    return float(np.linalg.norm(white))
 
 
 def _split(root: Array, slopes: Array, others: Array) -> tuple[Array, Array]:
-    """Return slopes of a pose's errors by others, of the root `others`, and the root of the rest.
+    """Return slopes of a pose's errors by others of that covariance, and the root of the rest.
 
     The slopes are scaled down where that would be more of a variance than `MOST_COMMON`.
     """
-    common = solve_triangular(root, slopes @ others, lower=True)
+    common = solve_triangular(root, slopes @ np.linalg.cholesky(others), lower=True)
     spread = common @ common.T
     share = min(1.0, MOST_COMMON / max(np.linalg.eigvalsh(spread)[-1], MOST_COMMON))
     rest = root @ np.linalg.cholesky(np.eye(5) - share * spread)

@@ -16,10 +16,10 @@ from scipy.special import chdtrc
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
-from uuv_optical_array.estimation.tracking.state import MOST_LEARNT
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.prior import POWER, of_lamp, shade_modes
 
+MOST_TESTED = 49  # detectors
 WINDOW_S, CHECK_S = 30.0, 2.0  # frames of so long are tested together, so often
 EVENNESS, MOST_UNEVEN = "the evenness of the light", 0.6
 MOSTLY_UNEVEN = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s, or since the first"
@@ -35,14 +35,14 @@ NEGLIGIBLE = 1e-9  # of the largest information, below which rounding is all the
 class LastingResiduals:
     """Tests the frames of a track.
 
-    - constants: what is not known of the scene. Arrays of more than `MOST_LEARNT` detectors are not
+    - constants: what is not known of the scene. Arrays of more than `MOST_TESTED` detectors are not
       tested.
     - mismatch: what would explain the frames best; empty while the scene does.
     """
 
     def __init__(self, constants: Constants) -> None:
         side, q = round(constants.detectors**0.5), len(constants.names)
-        self._tests = 0 < side**2 == constants.detectors <= MOST_LEARNT
+        self._tests = 0 < side**2 == constants.detectors <= MOST_TESTED
         self.mismatch = ""
         self._by_detector = constants.by_detector
         # Time with frames, of it with uneven ones, as shares of the window; stamp of the last one.

@@ -3,25 +3,20 @@
 While the tracker gets the follower's commands, the pose moves by them and by the rate, which is
 then that of the leader's motion; without commands the rate is that of the whole relative motion
 (`motion`). Where commands begin or end, the rate is another one and starts from its prior.
-Covariances are kept as triangular roots (`root_filter`), which stay positive definite whatever the
-rounding.
+The filter of pose and rate is that of given biases, which are learnt beside it (`belief`).
 
 A frame comes as a pose with its covariance, or with its readings, linearised (`correction`).
 
 - Of a pose alone, only the white part of the errors averages out. ``common_share`` is one error of
   all frames, such as the bias of a grid. What unknown constants do to its range, given how bright
   the image is, is one error of all frames, too. The errors of a shaded frame vary as slowly as the
-  shade. Both are consider states: part of the covariance, but never corrected (S. F. Schmidt,
-  *Advances in Control Systems* 3, 1966, 293), so that the track follows the motion and its
+  shade. A bare pose teaches none of these biases, so that the track follows the motion and its
   covariance stays large enough.
 - A track that has begun with readings takes no bare poses, but of shaded frames, as these say only
   roughly what they share of the constants' errors; for a while it goes on without. One of poses
   begins anew with the first readings.
-- Readings correct the scene's unknown constants and the detectors' gain errors as well, while the
-  vehicles move. As the readings are linearised near noisy poses, they contain less information
-  about the constants than their covariance says. So only one frame in `LEARN_EVERY_S` corrects
-  constants, and none while one that trades with the range (`BENT`) is known better than
-  `LEAST_SHARE` of its prior.
+- Readings teach the scene's unknown constants and the detectors' gain errors as well, while the
+  vehicles move (`keyframes`).
 
 The rate changes at random, and now and then at once: a frame that the usual motion hardly explains
 is weighed as the first after a manoeuvre, by its likelihood and the manoeuvre's prior probability
@@ -41,9 +36,11 @@ from scipy.linalg import block_diag
 from scipy.special import chdtri
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import wrapped
+from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
+from uuv_optical_array.estimation.tracking.belief import Biases, BiasSpace, Motion, triangular
 from uuv_optical_array.estimation.tracking.correction import (
+    Belief,
     Corrected,
     Correction,
     Deferred,
@@ -62,9 +59,7 @@ from uuv_optical_array.estimation.tracking.motion import (
     in_beacon,
     walk_noise,
 )
-from uuv_optical_array.estimation.tracking.root_filter import Gaussian, triangular
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.state import SLOW, StateSpace
 from uuv_optical_array.estimation.tracking.track import (
     POSE,
     RATE,
@@ -75,7 +70,7 @@ from uuv_optical_array.estimation.tracking.track import (
     Track,
 )
 from uuv_optical_array.estimation.unknowns.constants import Constants, Expected, drift
-from uuv_optical_array.forward.prior import ABSORPTION, ATTENUATION, BEAM_SIGMA, POWER, ROLL
+from uuv_optical_array.forward.prior import ROLL
 
 RATE_STD = np.array([0.5, 0.5, 0.5, 0.1, 0.1])  # m/s and rad/s, at the start of a track
 POSE_STD = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of an unknown pose
@@ -84,18 +79,12 @@ POSE_STD = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of an unkno
 MANOEUVRE_STD, MANOEUVRE_COST = np.array([0.2, 0.2, 0.2, 0.3, 0.3]), 2 * math.log(100)
 # Standard deviation of a pose whose images are not of the scene: a share of its range, and rad.
 UNKNOWN = 0.5
-# Readings correct constants once in so long, s.
-LEARN_EVERY_S = 4.0
-# Least standard deviation, as a share of the prior's, at which readings correct constants: of those
-# that give way to the range where an image stays as bright, so that their valley is bent.
-LEAST_SHARE, BENT = 0.6, (POWER, BEAM_SIGMA, ATTENUATION, ABSORPTION)
 
 
 @dataclass(frozen=True)
 class _State:
     frame: Measurement  # the newest in the track
     corrected: Deferred  # by that frame; without the common share
-    learnt_ns: int  # stamp of the newest frame that corrected constants
     own_motion: OwnMotionIs  # where it is "told", the rate is that of the leader
     taken_ns: int  # stamp of the newest frame that corrected anything
     by_readings: bool  # whether any frame came with readings
@@ -127,11 +116,9 @@ class Tracker:
         self._buffer_ns, self._reset_ns, self._command_ns = (
             round(time_s * 1e9) for time_s in (s.buffer_s, s.reset_after_s, s.command_timeout_s)
         )
-        self._space = StateSpace(c, s.constants_hold_s)
+        self._space = BiasSpace(c, s.constants_hold_s)
         self._residuals = LastingResiduals(c)
-        self._correction = Correction(self._space, c, s.common_share, self._gate)
-        bent = [name in BENT for name in c.names]
-        self._least_stds = np.where(bent, LEAST_SHARE * np.array(c.stds), 0.0)
+        self._correction = Correction(self._space, c, s, self._gate)
 
     def command(self, stamp_ns: int, twist: ArrayLike) -> None:
         """Take the follower's own motion, which carries the pose on until the next command.
@@ -231,13 +218,12 @@ class Tracker:
         if not self._history:
             raise NoPose("no track: there is no frame yet")
         newest = self._history[-1][1]
-        state, stamp_ns = newest.corrected(), newest.frame.stamp_ns
-        mean, covariance = state.mean, state.covariance
-        constants, names = self._space.constants, self._constants.names
-        rolls = constants.start + names.index(ROLL) if ROLL in names else None
-        stds = np.sqrt(covariance.diagonal()[constants]).tolist()
-        learnt = map(Learnt, mean[constants].tolist(), stds)
-        joint = covariance[:SLOW, :SLOW].copy()
+        stamp_ns, (motion, biases, _) = newest.frame.stamp_ns, newest.corrected()
+        mean, joint, names = motion.mean, motion.covariance(biases), self._constants.names
+        offsets = self._space.offsets(biases.mean)
+        variances = biases.covariance.diagonal()[self._space.constants]
+        stds = np.array(self._constants.stds) * np.sqrt(variances)
+        learnt = map(Learnt, offsets.tolist(), stds.tolist())
         own_motion = self._own_motion_at(stamp_ns, newest)
         own = self._own_motion.twist(stamp_ns) if own_motion == "told" else np.zeros(5)
         if newest.frame.readings is None:
@@ -247,7 +233,7 @@ class Tracker:
                 self._residuals.add_light(stamp_ns, newest.frame.shaded > 0.5)
         elif newest.frame.relinearise and stamp_ns > self._tested_ns:
             self._tested_ns = stamp_ns
-            near = newest.frame.relinearise(mean[self._space.linear])
+            near = newest.frame.relinearise(np.concatenate([mean[POSE], offsets]))
             with suppress(ValueError):  # not finite there
                 self._residuals.add(stamp_ns, checked_readings(near, self._constants))
         if self._residuals.mismatch:
@@ -260,11 +246,11 @@ class Tracker:
             joint,
             newest.frames,
             newest.distance,
-            dict(zip(self._constants.names, learnt, strict=True)),
-            mean[self._space.gains].copy(),
+            dict(zip(names, learnt, strict=True)),
+            (self._space.stds * biases.mean)[self._space.gains],
             own_motion,
             self._residuals.mismatch,
-            None if rolls is None else covariance[rolls, [*range(5), rolls]],
+            self._turn(motion, biases),
         )
 
     def expected(self, stamp_ns: int) -> Expected:
@@ -278,11 +264,25 @@ class Tracker:
         state = self._history[-1][1] if self._history else self._previous
         usual, lasts_s = self._constants.uneven, self._constants.unclear_lasts_s
         if state is None:
-            return Expected(*self._space.constants_after(self._space.prior(), 0.0), usual)
+            return Expected(*self._offsets(self._space.prior()), usual)
         step_s = (stamp_ns - state.frame.stamp_ns) * 1e-9
         decay = float(drift(lasts_s, step_s)) if usual else 0.0
         uneven = usual + decay * (state.frame.shaded - usual)
-        return Expected(*self._space.constants_after(state.corrected(), step_s), uneven)
+        biases = self._space.drifted(state.corrected().biases, step_s)
+        return Expected(*self._offsets(biases), uneven)
+
+    def _offsets(self, biases: Biases) -> tuple[Array, Array]:
+        """Return mean and covariance of the constants' offsets, in their own units."""
+        of, stds = self._space.constants, np.array(self._constants.stds)
+        return self._space.offsets(biases.mean), np.outer(stds, stds) * biases.covariance[of, of]
+
+    def _turn(self, motion: Motion, biases: Biases) -> Array | None:
+        """Return the roll's covariance with the pose, and its variance, ``(6,)``, if it is one."""
+        if ROLL not in self._constants.names:
+            return None
+        roll = self._constants.names.index(ROLL)
+        column = self._constants.stds[roll] * biases.covariance[:, roll]
+        return np.array([*motion.slopes[POSE] @ column, self._constants.stds[roll] * column[roll]])
 
     def _next(self, state: _State, frame: Measurement) -> _State:
         """Return the state after a frame: in the track, in its rival, or in a new one."""
@@ -327,22 +327,15 @@ class Tracker:
     ) -> tuple[_State, float]:
         """Return the state with a frame by one motion, and twice its negative log-probability."""
         predicted = self._predicted(state, frame.stamp_ns, obeys, manoeuvre)
-        predicted = predicted._replace(root=triangular(predicted.root))
-        learns = (
-            frame.readings is not None
-            and frame.stamp_ns - state.learnt_ns >= LEARN_EVERY_S * 1e9
-            and self._worth_learning(predicted)
-        )
         taken = frame.readings is not None or frame.shaded > 0.5 or not state.by_readings
         if taken:
-            corrected = self._correction.correct(predicted, frame, learns)
+            corrected = self._correction.correct(predicted, frame)
         else:
             still = Deferred(lambda: predicted)
             corrected = Corrected(still, pose_distance(predicted, frame))
         fused = _State(
             frame,
-            corrected.state,
-            frame.stamp_ns if learns else state.learnt_ns,
+            corrected.belief,
             self._own_motion_at(frame.stamp_ns, obeys=obeys),
             frame.stamp_ns if taken else state.taken_ns,
             state.by_readings or frame.readings is not None,
@@ -351,55 +344,48 @@ class Tracker:
         )
         return fused, corrected.cost + manoeuvre * MANOEUVRE_COST
 
-    def _worth_learning(self, state: Gaussian) -> bool:
-        """Say whether no constant that trades with the range is known well."""
-        stds = np.linalg.norm(state.full_root[self._space.constants], axis=1)
-        return bool((stds >= self._least_stds).all())
-
     def _start(self, frame: Measurement, before: _State | None) -> _State:
         """Return a new track, which keeps what was learnt of the constants."""
         stamp_ns = frame.stamp_ns
-        if before is None:
-            state = self._space.prior()
-        else:
-            step_s = (stamp_ns - before.frame.stamp_ns) * 1e-9
-            state = self._space.slow_after(before.corrected(), step_s)
+        biases, rate = self._space.prior(), np.diag(RATE_STD)
+        keyframes = self._correction.fit.prior()
+        if before is not None:
+            _, biases, keyframes = before.corrected()
+            biases = self._space.drifted(biases, (stamp_ns - before.frame.stamp_ns) * 1e-9)
         own_motion = self._own_motion_at(stamp_ns, before)
-        mean, root, consider = state
-        rate, slow = np.diag(RATE_STD), root[SLOW:, SLOW:]
         if frame.readings is not None:
-            mean[POSE] = frame.readings.at[:5]
-            unknown = Gaussian(mean, block_diag(np.diag(POSE_STD), rate, slow), consider)
-            corrected = self._correction.correct(unknown, frame, True).state
-            return _State(frame, corrected, stamp_ns, own_motion, stamp_ns, True)
-        white, slopes = self._correction.pose_errors(state, frame)
-        root, by_slow = block_diag(white, rate, slow), -slopes[:, SLOW:]
-        mean[POSE], root[POSE, SLOW:] = frame.pose, by_slow @ slow
-        consider[POSE] = by_slow @ consider[SLOW:]
-        state = Gaussian(mean, root, consider)
-        return _State(frame, Deferred(lambda: state), stamp_ns, own_motion, stamp_ns, False)
+            mean = np.concatenate([frame.readings.at[:5], np.zeros(5)])
+            root = block_diag(np.diag(POSE_STD), rate)
+            unknown = Motion(mean, root, np.zeros((10, len(biases.mean))))
+            belief = Belief(unknown, biases, keyframes)
+            corrected = self._correction.correct(belief, frame).belief
+            return _State(frame, corrected, own_motion, stamp_ns, True)
+        white, slopes = self._correction.pose_errors(biases, frame)
+        mean = np.concatenate([frame.pose, np.zeros(5)])
+        by_biases = np.vstack([-slopes, np.zeros_like(slopes)])
+        motion = Motion(mean, triangular(block_diag(white, rate)), by_biases)
+        begun = Belief(motion, biases, keyframes)
+        return _State(frame, Deferred(lambda: begun), own_motion, stamp_ns, False)
 
-    def _predicted(self, state: _State, stamp_ns: int, obeys: bool, manoeuvre: bool) -> Gaussian:
-        """Return a state at a later stamp, where the follower obeys its commands or does not."""
-        start_ns, before = state.frame.stamp_ns, state.corrected()
+    def _predicted(self, state: _State, stamp_ns: int, obeys: bool, manoeuvre: bool) -> Belief:
+        """Return a belief at a later stamp, where the follower obeys its commands or does not."""
+        start_ns, (before, biases, keyframes) = state.frame.stamp_ns, state.corrected()
         step_s = (stamp_ns - start_ns) * 1e-9
-        mean, root, consider = self._space.drifted(before, step_s)
         changes = [MANOEUVRE_STD] if manoeuvre else []
         if obeys != (state.own_motion == "told"):  # it is another rate
             changes.append(RATE_STD)
-        for change in changes:
-            start = np.zeros((self._space.size, 5))
-            start[RATE] = np.diag(change)
-            root = np.hstack([root, start])
-        for part in (mean, root, consider):
-            part[POSE] += step_s * part[RATE]
+        noise = [walk_noise(self._rate_walk, step_s)]
+        noise += [step_s * np.eye(10, 5) * std + np.eye(10, 5, -5) * std for std in changes]
         # The attitude's error turns the own motion by so little that the random motion covers it.
+        mean, root, slopes = self._space.shades_drifted(before, step_s)
+        mean, root, slopes = mean.copy(), root.copy(), slopes.copy()
+        for part in (mean, root, slopes):
+            part[POSE] += step_s * part[RATE]
         if obeys:
             own = self._own_motion.displacement(start_ns, stamp_ns)
             mean[POSE] += in_beacon(before.mean[POSE], own)
-        noise = np.zeros((self._space.size, 10))
-        noise[:SLOW] = walk_noise(self._rate_walk, step_s)
-        return Gaussian(wrapped(mean), np.hstack([root, noise]), consider)
+        motion = Motion(wrapped(mean), triangular(np.hstack([root, *noise])), slopes)
+        return Belief(motion, self._space.drifted(biases, step_s), keyframes)
 
     def _commanded(self, stamp_ns: int) -> bool:
         """Say whether there is a command of a stamp that is not too old."""

@@ -21,12 +21,12 @@ from typing import Any, NamedTuple
 
 from drawings import geometry
 from drawings import nodes as nodes_and_topics
+from scene_schema import scene_schema
 from schematic import schematic
 
 import uuv_optical_array
 from uuv_optical_array import nodes
 from uuv_optical_array.commands import build_parser
-from uuv_optical_array.commands.scenes import schema_text
 from uuv_optical_array.core.settings import Quantity, Span, declared
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.lamps import BeaconLamp
@@ -518,6 +518,11 @@ def drawings() -> dict[str, str]:
         "nodes.svg": nodes_and_topics(all_topics()),
         "schematic.svg": schematic(),
     }
+
+
+def schema_text() -> str:
+    """Return the schema of scenes as it is shipped, JSON."""
+    return json.dumps(scene_schema(), indent=1) + "\n"
 
 
 def main() -> None:

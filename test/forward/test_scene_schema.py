@@ -7,6 +7,7 @@ import re
 import jsonschema
 import pytest
 from effect_settings import middle_settings
+from generated import reference
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scenes import READY
@@ -17,9 +18,8 @@ from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.scene import GROUPS, load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import Layer, merged, scene_file
-from uuv_optical_array.forward.scene_schema import scene_schema
 
-SCHEMA = json.loads(json.dumps(scene_schema()))
+SCHEMA = json.loads(reference.schema_text())
 VALIDATOR = jsonschema.Draft7Validator(SCHEMA)
 reproducible = settings(max_examples=200)
 

@@ -2,7 +2,6 @@
 
 import argparse
 import inspect
-import json
 import textwrap
 from collections.abc import Callable, Iterator
 from difflib import get_close_matches
@@ -10,13 +9,12 @@ from typing import Any
 
 from uuv_optical_array.cli import options
 from uuv_optical_array.core.settings import Setting, Span, declared, summary
-from uuv_optical_array.core.storage import yaml_text
+from uuv_optical_array.core.storage import files, yaml_text
 from uuv_optical_array.forward import scene_files
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.scene import GROUPS, Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
-from uuv_optical_array.forward.scene_schema import scene_schema
 
 DESCRIPTION = """\
 List the ready scenes with their key figures, or explain one name. For a scene, ready or a file, it
@@ -46,11 +44,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     names = "of a scene, a group, an effect or a key; schema: the JSON schema of scenes"
     parser.add_argument("name", nargs="?", help=f"{names} (default: list all scenes)")
-
-
-def schema_text() -> str:
-    """Return the schema as it is shipped, JSON."""
-    return json.dumps(scene_schema(), indent=1) + "\n"
 
 
 def figures(scene: Scene) -> list[str]:
@@ -129,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
     """Print the list, the schema or an explanation."""
     name = args.name
     if name == "schema":
-        print(schema_text(), end="")
+        print(files.shared_file("config/scene.schema.json").read_text("utf-8"), end="")
     elif name is None:
         for ready in ready_scenes():
             lines = ready, sentence(scene_file(ready)), *figures(load_scene(ready))

@@ -5,6 +5,7 @@ import importlib
 from pathlib import Path
 
 import pytest
+from generated import reference
 
 from uuv_optical_array.nodes import estimator_node
 from uuv_optical_array.nodes.shared import reasons
@@ -113,5 +114,5 @@ def test_the_list_of_values_has_every_value():
         given |= {key for key in keys(path) if key not in parameters_of(path)}
     given -= NO_VALUES
     assert {"answered", "learnt_", "std_", "table_margin", "Actual frequency (Hz)"} <= given
-    listed = "".join(names for names, *_ in reasons.VALUES)
+    listed = "".join(names for names, *_ in reference.VALUES)
     assert [key for key in sorted(given) if f"`{key}" not in listed] == []

@@ -1,4 +1,4 @@
-"""Every text and value that a node can show on ``/diagnostics``: cause and cure, or meaning.
+"""Every text that a node can show on ``/diagnostics``: cause and cure.
 
 The kind of a text stands before its colon; a topic's name and a comma may come before the kind.
 """
@@ -172,60 +172,6 @@ ERRORS = {
     "scene": Reason("No pose of its table has light.", "Correct the scene's `table` or its lamp."),
 }
 
-# Names as Markdown, the nodes that show them, and the meaning with its unit. Counts are since the
-# start; all else is of the last message that was answered, or of the last second.
-VALUES = (
-    ("`answered`, `refused`, `refused: ...`", "all", "messages answered, refused, and by kind"),
-    ("`passed_over`", "feature in `follower_node`, estimator", "images left out for a newer one"),
-    (
-        "`Events in window`, `Events since startup`, `Duration of window (s)`, "
-        "`Actual frequency (Hz)`",
-        "all",
-        "answers in the last five seconds; their rate",
-    ),
-    (
-        "`Earliest timestamp delay:`, `Latest timestamp delay:`",
-        "all",
-        "least and largest age of the stamps when they were answered, s",
-    ),
-    ("`Timestamp jitter (s)`", "all", "standard deviation of the time between stamps"),
-    ("`cure: ...`", "all", "what to do about each text of the message"),
-    ("`peak_counts`", "simulator, feature", "brightest detector, counts"),
-    (
-        "`light_level`, `saturated_share`",
-        "feature",
-        "brightest detector, and share of those at full scale; near 0 the light is dim",
-    ),
-    ("`range_m`", "simulator, formation", "distance behind the lamp, m"),
-    (
-        "`method`, `fit`",
-        "estimator",
-        "the method; whether its fit is compiled or, with the same answers, runs as it stands",
-    ),
-    ("`angle_rad`, `runner_up_angle_rad`", "estimator", "spectral angle to the best signatures"),
-    (
-        "`misfit`, `runner_up_misfit`",
-        "estimator",
-        "probability of larger residuals in this scene; if it stays near 0, the sea is another",
-    ),
-    ("`unobservable`", "estimator", "degrees of freedom of which the image says next to nothing"),
-    ("`std_x`, `std_y`, `std_z`, `std_pitch`, `std_yaw`", "estimator", "of the pose, m and rad"),
-    (
-        "`table_margin`",
-        "estimator",
-        "place in the scene's `table` and its axis: 1 in the middle, 0 at the edge, < 0 beyond",
-    ),
-    (
-        "`own_motion`",
-        "estimator",
-        "whether the track knows from `cmd_vel` how the follower moves: `told`; `not told`, where "
-        "none came for `command_timeout_s`, or by another clock; `contradicted` by the images and "
-        "not used: it does not obey, or they are not in m/s and rad/s along its own axes; if that "
-        "lasts, set `use_commands` to false",
-    ),
-    ("`learnt_...`", "estimator", "what the track has learnt of a constant"),
-    ("`scene_...`", "estimator", "what to write into the scene, because the sea differs"),
-)
 REASONS = {**REFUSALS, **WARNINGS, **ERRORS}
 
 

@@ -18,11 +18,7 @@ from scipy.linalg.lapack import dposv
 
 from uuv_optical_array.core.errors import NoPose as NoPose
 from uuv_optical_array.core.errors import expect
-from uuv_optical_array.core.geometry import (
-    Array,
-    turned_about_beam,
-    wrapped,
-)
+from uuv_optical_array.core.geometry import Array, turned_about_beam, wrapped
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimate import Estimate as Estimate
 from uuv_optical_array.estimation.fit_compiler import FitCompiler, fit_compiler
@@ -35,11 +31,7 @@ from uuv_optical_array.estimation.signature.plausibility import (
     check_full_scale,
     check_parameters,
 )
-from uuv_optical_array.estimation.signature_table import (
-    SignatureTable,
-    build_table,
-    grid_axes,
-)
+from uuv_optical_array.estimation.signature_table import SignatureTable, build_table, grid_axes
 from uuv_optical_array.estimation.unknowns.constants import Expected, constants_of
 from uuv_optical_array.forward.aim import aim_slopes
 from uuv_optical_array.forward.model import ForwardModel

@@ -109,11 +109,7 @@ class Pipeline:
         self._frozen.check(image, lambda: np.asarray(image))
 
     def estimate(
-        self,
-        stamp_ns: int,
-        image: Array | None,
-        parameters: Array | None = None,
-        roll: float = 0.0,
+        self, stamp_ns: int, image: Array | None, parameters: Array | None = None, roll: float = 0.0
     ) -> Estimate:
         """Return the pose of the next frame, which the tracker has taken and found no outlier.
 

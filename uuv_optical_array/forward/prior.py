@@ -149,8 +149,7 @@ class PriorSettings:
         float, Quantity("time in which a shade becomes another one", "s", 0, 1000)
     ] = 5.0
     uneven_probability: Annotated[
-        float,
-        Quantity("share of frames lit unevenly, where the scene names no shade", "", 0, 0.5),
+        float, Quantity("share of frames lit unevenly, where the scene names no shade", "", 0, 0.5)
     ] = 0.0
 
     def nuisance_std(self) -> dict[str, float]:

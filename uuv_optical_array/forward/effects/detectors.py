@@ -149,10 +149,7 @@ def responsivity(
 
 
 def detector_gains(
-    side: int,
-    spread: float | None = None,
-    seed: int | None = None,
-    gains: Grid | None = None,
+    side: int, spread: float | None = None, seed: int | None = None, gains: Grid | None = None
 ) -> Array:
     """Return the gains of `responsivity`, shape ``(side, side)``.
 

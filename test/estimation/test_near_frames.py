@@ -12,7 +12,6 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame import DISTINCT, RIVAL, cover
 from uuv_optical_array.estimation.least_squares.problem import (
     POSE,
-    PosePrior,
     State,
     evaluate,
     problem_of,
@@ -84,8 +83,7 @@ def test_a_covariance_covers_each_minimum_that_is_as_likely():
 )
 def test_no_pose_is_impossible_for_a_vehicle(pose, possible):
     model = ForwardModel(load_scene("reference"))
-    prior = PosePrior(np.zeros(5), np.full(5, 9.0), {})
-    problem = problem_of(model, prior)
+    problem = problem_of(model, np.zeros(5), np.full(5, 9.0), {})
     with np.errstate(all="ignore"):
         state = evaluate(problem, start_at(problem, np.array(pose)))
     assert np.isfinite(state.cost) == possible

@@ -246,6 +246,6 @@ def test_odds_are_those_of_an_integral_over_what_is_more_unknown(fit, name, off)
 
 def test_a_fit_starts_where_a_rolled_follower_was_found(fit):
     roll = np.radians(15)
-    problem = frame_kinds(MODEL, fit._prior)[0].problem._replace(roll=roll)
+    problem = frame_kinds(MODEL, *fit._pose_prior)[0].problem._replace(roll=roll)
     light = light_at(problem, start_at(problem, fit._from(POSE, roll).poses[0]))
     np.testing.assert_allclose(light, MODEL.light(POSE, roll).ravel(), rtol=1e-9)

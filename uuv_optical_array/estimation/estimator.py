@@ -332,12 +332,7 @@ class Estimator:
     ) -> Callable[[Array], LinearisedReadings]:
         """Return what an image says of pose and constants near a place, as a tracker asks it.
 
-        Parameters
-        ----------
-        estimate
-            What `estimate` made of the image.
-        image, roll
-            As it was given them.
+        `estimate` is what `Estimator.estimate` made of this image and roll.
         """
         readings = self._readings(image)
         lamps, detectors = self.scene.lamp_count, self._side**2
@@ -345,5 +340,4 @@ class Estimator:
         weights[:, [self._side * row + column for row, column in estimate.left_out]] = 0.0
         if estimate.dark_lamp is not None:
             weights[estimate.dark_lamp] = 0.0
-        flat = weights.ravel()
-        return lambda at: self._fit.near(readings, at, roll, estimate.stretch, flat)
+        return lambda at: self._fit.near(readings, at, roll, estimate.stretch, weights.ravel())

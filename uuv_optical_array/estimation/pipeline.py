@@ -73,19 +73,10 @@ class Pipeline:
         self.tracker = None if tracking is None else Tracker(tracking, constants=constants)
 
     def command(self, stamp_ns: int, linear: Array, angular: Array) -> None:
-        """Tell the tracker how the follower is commanded to move from a stamp on.
+        """Tell the tracker how the follower is commanded to move from a stamp on, ns.
 
-        Parameters
-        ----------
-        stamp_ns
-            Of the command, ns.
-        linear, angular
-            In the follower's frame, m/s and rad/s, shape ``(3,)`` each; the roll rate is ignored.
-
-        Raises
-        ------
-        ValueError
-            As `Tracker.command`.
+        The velocities are in the follower's frame, m/s and rad/s, shape ``(3,)`` each; the roll
+        rate is ignored. ValueError as `Tracker.command`.
         """
         if self.tracker is not None:
             self.tracker.command(stamp_ns, [*linear, *angular[1:]])
@@ -93,15 +84,7 @@ class Pipeline:
     def check(self, image: Array) -> None:
         """Refuse the next image of a stream where it shows no lamp, or repeats the one before.
 
-        Parameters
-        ----------
-        image
-            Counts, shape ``(side, side)``.
-
-        Raises
-        ------
-        NoPose
-            With the reason.
+        It has counts, shape ``(side, side)``. NoPose with the reason.
         """
         self.estimator.check_shape(image)
         if reason := no_pattern(image, self._min_peak_counts):
@@ -139,18 +122,16 @@ class Pipeline:
             self._frozen.check(
                 parameters, lambda: self._frozen.profiles(estimate.pose, roll, parameters)
             )
-        if self.tracker is not None and self._take(stamp_ns, estimate, image, roll) != stamp_ns:
-            raise NoPose("late frame: it entered the track, whose newer pose is out")
+        if self.tracker is not None:
+            frame = stamp_ns, estimate.pose, estimate.covariance
+            if estimate.readings is None or image is None:
+                newest = self.tracker.take(*frame, shaded=1 - estimate.clear)
+            else:  # by its readings, which are as good as linear
+                near = self.estimator.lineariser(estimate, image, roll)
+                newest = self.tracker.take(*frame, estimate.readings, near)
+            if newest != stamp_ns:
+                raise NoPose("late frame: it entered the track, whose newer pose is out")
         return estimate
-
-    def _take(self, stamp_ns: int, estimate: Estimate, image: Array | None, roll: float) -> int:
-        """Let the tracker take a frame, by its readings where these are as good as linear."""
-        assert self.tracker is not None
-        pose, covariance = estimate.pose, estimate.covariance
-        if estimate.readings is None or image is None:
-            return self.tracker.take(stamp_ns, pose, covariance, shaded=1 - estimate.clear)
-        near = self.estimator.lineariser(estimate, image, roll)
-        return self.tracker.take(stamp_ns, pose, covariance, estimate.readings, near)
 
     def track(self, roll: float = 0.0) -> Track | None:
         """Return the track at its newest frame, in which the follower had a roll, rad.
@@ -165,14 +146,9 @@ class Pipeline:
         return replace(track, joint_covariance=joint)
 
     def answer(self, stamp_ns: int, image: Array) -> Answer:
-        """Return what comes of the next image.
+        """Return what comes of the next image, counts, shape ``(side, side)``, by its stamp, ns.
 
-        Parameters
-        ----------
-        stamp_ns
-            Of the image, ns.
-        image
-            Counts, shape ``(side, side)``; the roll of the follower is taken as 0.
+        The roll of the follower is taken as 0.
         """
         try:
             estimate = self.estimate(stamp_ns, image)

@@ -240,10 +240,8 @@ class ForwardModel:
 
         Parameters
         ----------
-        poses, roll
+        poses, roll, offsets
             As in `light`.
-        offsets
-            Offsets of nuisance settings, by name, each of shape ``(...)``: see `nuisances`.
 
         Returns
         -------

@@ -95,7 +95,7 @@ def test_the_readings_left_out_are_the_best_of_all_pairs(estimator):
     image = model.expose(pose, rng)
     image[[0, 3], [2, 1]] = [0.0, 500.0]
     fit = estimator._fit
-    problem = frame_kinds(model, fit._prior)[0].problem
+    problem = frame_kinds(model, *fit._pose_prior)[0].problem
     problem = problem._replace(readings=image.ravel())
     costs = {}
     for pair in combinations(range(25), 2):

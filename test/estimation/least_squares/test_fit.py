@@ -18,7 +18,6 @@ from uuv_optical_array.estimation.least_squares.problem import (
     MOST_STEPS,
     POSE,
     VOLUME_SLOPES,
-    PosePrior,
     evaluate,
     light_at,
     problem_of,
@@ -75,7 +74,7 @@ class Fit:
     def __init__(self, model, stds=None, pose_std=WIDE):
         self.model, self.stds = model, stds or {}
         self.pose_std = pose_std
-        self.problem = problem_of(model, PosePrior(MIDDLE, pose_std, self.stds))
+        self.problem = problem_of(model, MIDDLE, pose_std, self.stds)
 
     def of(self, readings, roll=0.0):
         return self.problem._replace(readings=np.ravel(readings).astype(float), roll=roll)

@@ -23,7 +23,6 @@ from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     INFORMATION,
     MOST_STEPS,
-    PosePrior,
     evaluate,
     problem_of,
     refine,
@@ -34,7 +33,7 @@ from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses
 
 pytestmark = pytest.mark.filterwarnings("error")
-PRIOR = PosePrior(
+PRIOR = (
     np.array([-6.0, 0, 0, 0, 0]),
     np.array([6.0, 2.7, 2.7, 1.0, 1.0]),
     {"lamp.power": 0.1, "attenuation.k_per_m": 0.02},
@@ -47,7 +46,7 @@ def test_all_but_the_attitude_is_where_the_posterior_of_the_pose_is_largest(shap
     model = ForwardModel(load_scene("reference").with_shape(shape))
     pose = np.array([x, 0.4, -0.3, 0.1, -0.15])
     readings = model.expose(pose, np.random.default_rng(3)).ravel()
-    problem = problem_of(model, PRIOR)._replace(readings=readings)
+    problem = problem_of(model, *PRIOR)._replace(readings=readings)
     start = np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0])
     lattice = new_lattice(7)
     write_node(problem, start, lattice, 0)
@@ -87,7 +86,7 @@ POSES = st.tuples(st.floats(-7.5, -4), *[st.floats(-0.4, 0.4)] * 2, *[st.floats(
 def test_nine_nodes_or_the_lattice_have_the_moments_of_a_finer_one(scene, pose):
     model, pose = MODELS[scene], np.array(pose)
     readings = np.rint(model.converted(model.light(pose))).ravel()
-    problem = problem_of(model, PRIOR)._replace(readings=readings)
+    problem = problem_of(model, *PRIOR)._replace(readings=readings)
     start = np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0])
     minimum = refine(problem, start, MOST_STEPS).parts[AT]
     result, lattice = integrate(problem, minimum, new_lattice(7)), new_lattice(7)
@@ -112,7 +111,7 @@ def test_nine_nodes_or_the_lattice_have_the_moments_of_a_finer_one(scene, pose):
 def test_laplace_has_the_evidence_of_the_integral_where_it_is_nearly_gaussian():
     model, pose = ForwardModel(load_scene("reference")), np.array([-5.0, 0.1, -0.1, 0.05, -0.05])
     readings = np.rint(model.light(pose)).ravel()
-    problem = problem_of(model, PRIOR)._replace(readings=readings)
+    problem = problem_of(model, *PRIOR)._replace(readings=readings)
     minimum = refine(problem, np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0]), 40)
     whole, plain = integrate(problem, minimum.parts[AT], new_lattice(7)), laplace(minimum)
     assert plain.log_weight == pytest.approx(whole.log_weight, abs=0.1)

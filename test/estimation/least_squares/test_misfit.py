@@ -16,7 +16,6 @@ from uuv_optical_array.estimation.least_squares.misfit import (
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     MOST_STEPS,
-    PosePrior,
     misfit,
     problem_of,
     refine,
@@ -72,7 +71,7 @@ def scores(gain_std, gain_off, count=400, power_off=0.0):
     """Misfits of images whose gains are off by some share, as far as the prior says or not."""
     values = load_scene("reference").settings() | {"prior": {"gain_std": gain_std}}
     model = ForwardModel(scene_from_settings(values, "sea"))
-    problem = problem_of(model, PosePrior(POSE, PRIOR_STD, NUISANCES))
+    problem = problem_of(model, POSE, PRIOR_STD, NUISANCES)
     start = np.concatenate([from_pose(problem.frame, POSE, 0.0), np.zeros(2)])
     rng = np.random.default_rng(7)
     found = []

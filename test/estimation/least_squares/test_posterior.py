@@ -11,7 +11,6 @@ from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     INFORMATION,
     MOST_STEPS,
-    PosePrior,
     problem_of,
     refine,
 )
@@ -56,7 +55,7 @@ def chain_moments(scene, readings, pose, roll, steps):
     model, axes = ForwardModel(scene), grid_axes(scene.table)
     middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
     wide = 3 * np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
-    problem = problem_of(model, PosePrior(middle, wide, {}))
+    problem = problem_of(model, middle, wide, {})
     frame, one = problem.frame, problem._replace(readings=readings, roll=roll)
     with np.errstate(all="ignore"):
         best = refine(one, from_pose(frame, np.array(pose), roll), MOST_STEPS)

@@ -1,7 +1,6 @@
 """Kinds of frame that an image may be, such as clear or shaded, weighed by their evidence."""
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.least_squares.frame import FITTED, FrameResult
-from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem, problem_of
+from uuv_optical_array.estimation.least_squares.problem import Problem, problem_of
 from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import (
@@ -97,27 +96,24 @@ def wider_by_several(scene: Scene) -> list[dict[str, float]]:
     return [dict.fromkeys(SHADES, SHADED), *filter(None, kinds)] if scene.lamps else []
 
 
-def frame_kinds(model: ForwardModel, prior: PosePrior) -> list[FrameKind]:
-    """Return the kinds of frame of a model's scene, clear frames first.
-
-    - model: the scene's forward model.
-    - prior: of the pose, and of the scene's unknown constants.
-    """
+def frame_kinds(model: ForwardModel, pose_mean: Array, pose_std: Array) -> list[FrameKind]:
+    """Return the kinds of frame of a model's scene, clear ones first, by the prior of the pose."""
     known, constants = model.scene.prior, model.scene.constants_std()
+    own_stds = model.scene.nuisance_std()
     kinds: list[FrameKind] = []
     lights = known.lights(model.scene.daylight_scale_counts)
     rare_kinds = [(RARE, wider) for wider in wider_by_several(model.scene)]
     for light, wider in [*((light, {}) for light in lights), *rare_kinds]:
-        stds = {**model.scene.nuisance_std(), **known.std_in(light), **wider}
+        stds = {**own_stds, **known.std_in(light), **wider}
         gain_std = known.gain_std_in(light)
         if light.cloud and model.scene.lamps:
             # On its way from each lamp the light is shaded otherwise.
-            own = [of_lamp(i, OWN_POWER) for i in range(model.scene.lamp_count)]
-            stds |= {name: math.hypot(stds.get(name, 0.0), light.depth) for name in own}
+            powers = [of_lamp(i, OWN_POWER) for i in range(model.scene.lamp_count)]
+            stds |= {name: math.hypot(stds.get(name, 0.0), light.depth) for name in powers}
             gain_std = math.hypot(gain_std, light.depth * SHADE_DECAY)
         names = list(stds)
         given = [name for name in constants if name not in stds]
-        problem = problem_of(model, replace(prior, nuisance_std=stds), given)
+        problem = problem_of(model, pose_mean, pose_std, stds, given)
         mean = problem.nuisance_mean.copy()
         if light.cloud:
             mean[names.index(POWER)] = -light.depth
@@ -125,7 +121,7 @@ def frame_kinds(model: ForwardModel, prior: PosePrior) -> list[FrameKind]:
         fitted = [name for name in constants if name in stds]
         places = np.array([names.index(name) for name in fitted], dtype=np.intp)
         added = np.square(list(stds.values()))
-        added[places] -= np.square([prior.nuisance_std.get(name, 0.0) for name in fitted])
+        added[places] -= np.square([own_stds.get(name, 0.0) for name in fitted])
         problem = problem._replace(nuisance_mean=mean, noise=noise)
         doubt, clear = SHADE_DOUBT if light.cloud else 1.0, not kinds
         rare = not (clear or light.cloud)

@@ -36,7 +36,7 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import (
     mixture,
 )
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel, LinearModels
-from uuv_optical_array.estimation.least_squares.problem import UNUSUAL, PosePrior, Problem
+from uuv_optical_array.estimation.least_squares.problem import UNUSUAL, Problem
 from uuv_optical_array.estimation.signature import features
 from uuv_optical_array.estimation.signature.features import lifted, scene_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
@@ -138,10 +138,9 @@ class ImageFit:
         axes = grid_axes(scene.table)
         middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
         half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
-        prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
-        self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
-        self._prior = PosePrior(middle, prior_std, scene.nuisance_std())
-        self._pose_precision = np.diag(1 / np.square(prior_std))
+        self._pose_prior = middle, PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
+        self._pose_precision = np.diag(1 / np.square(self._pose_prior[1]))
+        self._unobservable_variance = (UNOBSERVABLE * self._pose_prior[1]) ** 2
         poses, images = self._starts(axes)
         full_scale, peak = scene.full_scale_counts, scene.signature.peak
         side = model.array.side
@@ -168,7 +167,7 @@ class ImageFit:
         - ValueError: where it is to be compiled and Numba is not installed, or not for this NumPy.
         """
         model, constants = self._model, self._constants
-        kinds = frame_kinds(model, self._prior)
+        kinds = frame_kinds(model, *self._pose_prior)
         lineariser = Lineariser(model, constants.names, compiled)
         models = None
         if model.scene.lamps:
@@ -379,7 +378,7 @@ class ImageFit:
             result.runner_up_angle,
             float(ndtr(-result.score)),
             float(ndtr(-result.runner_up_score)),
-            self._unobservable(covariance),
+            tuple(compress(DOF_NAMES, covariance.diagonal() > self._unobservable_variance)),
             near,
             result.stretch,
             clear,
@@ -412,8 +411,3 @@ class ImageFit:
             )
         if result.outcome != FITTED:
             raise NoPose("no fit: the image leaves the pose without a covariance")
-
-    def _unobservable(self, covariance: Array) -> tuple[str, ...]:
-        """Name the degrees of freedom of which a covariance leaves next to all of the prior."""
-        known = covariance.diagonal() <= self._unobservable_variance
-        return () if known.all() else tuple(compress(DOF_NAMES, ~known))

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,19 +52,6 @@ LENIENCE = 4.0  # times the variance of unknown gains
 AT, GRADIENT, POSE, VOLUME_SLOPES, POSE_SLOPES, INFORMATION = 0, 1, 2, 3, 4, 9
 
 
-@dataclass(frozen=True)
-class PosePrior:
-    """A Gaussian prior, independent by parameter.
-
-    - pose_mean, pose_std: of x, y, z, pitch and yaw, m and rad, shape ``(5,)`` each.
-    - nuisance_std: of the offset of each setting that is estimated along, by name; the mean is 0.
-    """
-
-    pose_mean: Array
-    pose_std: Array
-    nuisance_std: Mapping[str, float]
-
-
 class Problem(NamedTuple):
     """A scene and a prior in numbers; with readings and a roll, a posterior.
 
@@ -108,20 +94,26 @@ class State(NamedTuple):
     parts: Array
 
 
-def problem_of(model: ForwardModel, prior: PosePrior, given: Sequence[str] = ()) -> Problem:
+def problem_of(
+    model: ForwardModel,
+    pose_mean: Array,
+    pose_std: Array,
+    stds: Mapping[str, float],
+    given: Sequence[str] = (),
+) -> Problem:
     """Return the problem of a model's images, without readings.
 
-    - model: the scene's forward model.
-    - prior: what is known before the image: wide for the pose, as given for the nuisances.
+    - pose_mean, pose_std: of the prior of the pose, m and rad, shape ``(5,)`` each.
+    - stds: of the offset of each setting that is estimated along, by name; the mean is 0.
     - given: backgrounds to be given levels, as `ForwardModel.optics` has them.
     """
-    nuisance_std = np.array(list(prior.nuisance_std.values()), dtype=float)
+    nuisance_std = np.array(list(stds.values()), dtype=float)
     return Problem(
-        model.optics(tuple(prior.nuisance_std), given),
+        model.optics(tuple(stds), given),
         model.noise,
         frame_of(model),
-        np.array(prior.pose_mean, dtype=float),
-        np.array(prior.pose_std, dtype=float),
+        np.array(pose_mean, dtype=float),
+        np.array(pose_std, dtype=float),
         np.zeros(len(nuisance_std)),
         np.diag(1 / np.square(nuisance_std)),
         np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std]),

@@ -11,7 +11,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from uuv_optical_array.forward.array import ArraySettings
-from uuv_optical_array.nodes.bringup.bag_recorder import BagRecorderNode
+from uuv_optical_array.nodes.bringup.demo import BagRecorderNode
 from uuv_optical_array.nodes.shared.messages import image_to_message
 from uuv_optical_array.recording.bag import BagWriter, opened
 from uuv_optical_array.recording.images import read_recording

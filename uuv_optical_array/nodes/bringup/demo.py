@@ -2,6 +2,8 @@
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
+from importlib import import_module
 from typing import Any
 
 import rclpy
@@ -11,7 +13,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
@@ -20,7 +22,6 @@ from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.messages import image_from_message, odometry_pose, stamp_ns
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.nodes.bringup.bag_recorder import BagRecorderNode
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
@@ -38,6 +39,7 @@ from uuv_optical_array.recording.bag import RUN, BagWriter
 
 START_S = 15.0  # how long the leader may wait for the follower to see it, once fits are compiled
 DISCOVERY_S = 2.0  # in which the nodes of another run are found
+DEPTH = 100  # reliable and deep: what is recorded should lack nothing
 
 
 class RecorderNode(Node):
@@ -87,6 +89,27 @@ class RecorderNode(Node):
     def on_pose(self, message: PoseWithCovarianceStamped) -> None:
         """Record the estimate."""
         self.add(self.record.estimates, message.header, pose_from_message(message))
+
+
+class BagRecorderNode(Node):
+    """Write each message of `RUN` as it came, and when, into a bag; rosbag2 is not needed."""
+
+    def __init__(self, bag: BagWriter, **options: Any) -> None:
+        super().__init__("bag_recorder_node", **options)
+        self.bag = bag
+        for topic, kind in RUN.items():
+            package, _, name = kind.split("/")
+            self.create_subscription(
+                getattr(import_module(f"{package}.msg"), name),
+                topic,
+                partial(self.on_message, self.resolve_topic_name(topic), kind),
+                QoSProfile(depth=DEPTH),
+                raw=True,
+            )
+
+    def on_message(self, topic: str, kind: str, data: bytes) -> None:
+        """Write one message."""
+        self.bag.write(topic, kind, self.get_clock().now().nanoseconds, bytes(data))
 
 
 def refuse_other_runs(spaces: Sequence[str]) -> None:

@@ -133,10 +133,10 @@ class EstimatorNode(Node):
         shapes.show(beam + body)
         if hand_over is None:
             with_image = self.parameters["use_image"]
-            take = self.on_features if with_image else self.unpack
+            take = partial(self.join, "features") if with_image else self.unpack
             subscribe(self, PointCloud2, "array/features", take, newest=with_image)
             if with_image:
-                subscribe(self, Image, "array/image", self.on_image)
+                subscribe(self, Image, "array/image", partial(self.join, "image"))
         if self.parameters["use_imu"]:
             subscribe(self, Imu, "imu", self.on_imu)
         if self.parameters["use_commands"]:
@@ -206,19 +206,11 @@ class EstimatorNode(Node):
         if self.pipeline is not None and changes.keys() & OF_TRACKER:
             self.pipeline.track_with(tracking)
 
-    def on_features(self, message: PointCloud2) -> None:
-        """Keep key parameters for their image."""
-        self.join(message.header, features=message)
-
-    def on_image(self, message: Image) -> None:
-        """Keep an image for its key parameters."""
-        self.join(message.header, image=message)
-
-    def join(self, header: Header, **message: Any) -> None:
+    def join(self, name: str, message: PointCloud2 | Image) -> None:
         """Answer when key parameters and image of a stamp are there; the oldest stamps leave."""
-        stamp = stamp_ns(header)
+        stamp = stamp_ns(message.header)
         pair = self.waiting.setdefault(stamp, {})
-        pair.update(message)
+        pair[name] = message
         if len(pair) == 2:
             self.unpack(**self.waiting.pop(stamp))
         elif len(self.waiting) > WAITING:
@@ -359,10 +351,9 @@ def figures(estimate: Estimate) -> dict[str, str]:
     }
     if estimate.unobservable:
         shown["unobservable"] = ", ".join(estimate.unobservable)
-    if not math.isnan(estimate.misfit):
-        shown["misfit"] = f"{estimate.misfit:.3g}"
-    if not math.isnan(estimate.runner_up_misfit):
-        shown["runner_up_misfit"] = f"{estimate.runner_up_misfit:.3g}"
+    for name in ("misfit", "runner_up_misfit"):
+        if not math.isnan(value := getattr(estimate, name)):
+            shown[name] = f"{value:.3g}"
     for name, variance in zip(DOF_NAMES, estimate.covariance.diagonal(), strict=True):
         shown[f"std_{name}"] = f"{math.sqrt(variance):.3f}"
     return shown

@@ -257,27 +257,21 @@ def _on_stack(context, builder, signature, arguments, lengths):
     return matrix, size
 
 
-def _workspace(_typing, rows, component, count):
-    def generate(context, builder, signature, arguments):
-        matrix, _ = _on_stack(context, builder, signature, arguments, (0, 2))
-        return matrix._getvalue()
+def _matrix(lengths, cleared):
+    def typed(_typing, first, second, third):
+        def generate(context, builder, signature, arguments):
+            matrix, size = _on_stack(context, builder, signature, arguments, lengths)
+            if cleared:
+                cgutils.memset(builder, matrix.data, size, 0)
+            return matrix._getvalue()
 
-    return MATRIX(rows, component, count), generate
+        return MATRIX(first, second, third), generate
 
-
-workspace: Any = intrinsic(_workspace)
-
-
-def _zeros(_typing, rows, columns, component):
-    def generate(context, builder, signature, arguments):
-        matrix, size = _on_stack(context, builder, signature, arguments, (0, 1))
-        cgutils.memset(builder, matrix.data, size, 0)
-        return matrix._getvalue()
-
-    return MATRIX(rows, columns, component), generate
+    return intrinsic(typed)
 
 
-zeros: Any = intrinsic(_zeros)
+workspace: Any = _matrix((0, 2), cleared=False)  # rows, component, count
+zeros: Any = _matrix((0, 1), cleared=True)  # rows, columns, component
 
 REPLACED: dict[Any, Any] = {
     elementwise.indices: range,

@@ -103,12 +103,9 @@ def rotation_matrix(pitch: ArrayLike, yaw: ArrayLike, roll: ArrayLike = 0.0) -> 
     """
     if np.ndim(pitch) == np.ndim(yaw) == np.ndim(roll) == 0:  # four times as fast for one pose
         return np.array(rotation(pitch, yaw, roll))
-    pitch, yaw, roll = (np.asarray(angle, dtype=float) for angle in (pitch, yaw, roll))
-    matrix = np.empty((*np.broadcast(roll, pitch, yaw).shape, 3, 3))
-    for i, row in enumerate(rotation(pitch, yaw, roll)):
-        for j, entry in enumerate(row):
-            matrix[..., i, j] = entry
-    return matrix
+    rows = rotation(*(np.asarray(angle, dtype=float) for angle in (pitch, yaw, roll)))
+    entries = np.stack(np.broadcast_arrays(*rows[0], *rows[1], *rows[2]), axis=-1)
+    return entries.reshape(*entries.shape[:-1], 3, 3)
 
 
 def roll_pitch_yaw(matrix: ArrayLike) -> tuple[Array, Array, Array]:

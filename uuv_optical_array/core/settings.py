@@ -197,8 +197,7 @@ def check(hint: Any, value: Any, name: str) -> Any:
     ``Literal[...]`` or ``T | None``, each bare or ``Annotated`` with a `Quantity`. ValueError names
     the key, the value, the bound and the cure.
     """
-    kind, quantity, optional = _unwrapped(hint)
-    return _checked(kind, quantity, optional, value, name)
+    return _checked(*_unwrapped(hint), value, name)
 
 
 def _checked(kind: Any, quantity: Quantity, optional: bool, value: Any, name: str) -> Any:

@@ -77,10 +77,6 @@ class FrameKind(NamedTuple):
             nuisance_precision=precision,
         )
 
-    def constants(self, nuisances: Array, expected: Expected) -> Array:
-        """Return the offsets of all constants where the nuisances are these."""
-        return np.concatenate([nuisances[self.places], expected.mean[len(self.places) :]])
-
 
 def wider_by_several(scene: Scene) -> list[dict[str, float]]:
     """Return what is less known in each rare kind of frame of several lamps that no prior names."""

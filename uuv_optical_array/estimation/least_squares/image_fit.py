@@ -351,9 +351,14 @@ class ImageFit:
         covariance: Array = result.covariance[:5, :5]
         fitted, best, expected = len(main.kind.places), main.frame.best, image.expected
         if main.linear:
-            near = main.linear.first(5 + len(self._constants.names), result.stretch)
+            near, count = main.linear.near, 5 + len(self._constants.names)
+            variances = result.stretch * near.variances
+            near = near._replace(
+                at=near.at[:count], slopes=near.slopes[:, :count], variances=variances
+            )
         elif expected and not (match and len(expected.mean) == fitted):
-            at = np.concatenate([best[:5], main.kind.constants(best[5:], expected)])
+            constants = best[5:][main.kind.places], expected.mean[fitted:]
+            at = np.concatenate([best[:5], *constants])
             near = self.near(image.readings, at, image.roll, result.stretch, main.problem.weights)
             if len(expected.mean) > fitted and clear > 0:
                 # What the clear fit was given is not known exactly.

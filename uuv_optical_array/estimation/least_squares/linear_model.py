@@ -42,13 +42,6 @@ class LinearModel(NamedTuple):
     information: Array
     covariance: Array
 
-    def first(self, count: int, stretch: float) -> LinearisedReadings:
-        """Return the readings by pose and the first unknowns, with variances that much larger."""
-        near = self.near
-        return near._replace(
-            at=near.at[:count], slopes=near.slopes[:, :count], variances=stretch * near.variances
-        )
-
 
 class LinearModels:
     """Makes the linear models of images of one scene.

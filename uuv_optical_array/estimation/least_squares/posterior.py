@@ -338,8 +338,10 @@ def moments_of(lattice: Lattice, logs: Array) -> PosteriorMoments:
     return PosteriorMoments(largest + np.log(whole), mean, second, nodes)
 
 
-def by_nine_nodes(problem: Problem, basis: Array, lattice: Lattice) -> PosteriorMoments:
-    """Integrate by Gauss and Hermite's rule about the first node, per cell of the lattice.
+def by_nine_nodes(
+    problem: Problem, basis: Array, log_cell: float, lattice: Lattice
+) -> PosteriorMoments:
+    """Integrate by Gauss and Hermite's rule about the first node.
 
     Without nodes, and the lattice with its first one alone, where a logarithm there is off that of
     the Gaussian by `NEARLY` or more.
@@ -363,7 +365,7 @@ def by_nine_nodes(problem: Problem, basis: Array, lattice: Lattice) -> Posterior
                 return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
             logs[node] = over + np.log((4 if i == 0 or j == 0 else 1) / 36)
     moments = moments_of(lattice, logs)
-    log_weight = moments.log_weight + lattice.logs[0] + np.log(2 * np.pi / SPACING**2)
+    log_weight = moments.log_weight + lattice.logs[0] + np.log(2 * np.pi / SPACING**2) + log_cell
     return PosteriorMoments(log_weight, moments.mean, moments.covariance, moments.nodes)
 
 
@@ -434,11 +436,9 @@ def integrate(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMo
     longest = max(np.hypot(basis[0, 0], basis[1, 0]), np.hypot(basis[0, 1], basis[1, 1]))
     # The posterior of a planar array may go on in a ring.
     if problem.frame.share == 0 and longest < LONGEST:
-        near = by_nine_nodes(problem, basis, lattice)
+        near = by_nine_nodes(problem, basis, log_cell, lattice)
         if near.nodes > 0:
-            return PosteriorMoments(
-                near.log_weight + log_cell, near.mean, near.covariance, near.nodes
-            )
+            return near
     moments, coarseness = fill(problem, basis, lattice)
     for _ in range(FINER):
         # Of too many nodes: a coarser lattice is less exact, and none is no answer.

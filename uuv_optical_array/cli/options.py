@@ -29,15 +29,16 @@ def checking_options() -> Iterator[None]:
 
 
 def add_command(subparsers: Any, module: Any) -> None:
-    """Add the command of a module, of its name and with the sentence that begins the module.
+    """Add the command of a module, of its name and with the help that begins the module.
 
-    The module has `DESCRIPTION`, `EPILOG`, ``add_options(parser)`` and ``run(args)``, which returns
-    the exit code.
+    Its docstring is a sentence after a colon, the description, and the examples, indented. The
+    module has ``add_options(parser)`` and ``run(args)``, which returns the exit code.
     """
-    name, about = module.__name__.rpartition(".")[2], (module.__doc__ or "").partition(": ")[2]
-    words = {"description": module.DESCRIPTION, "epilog": module.EPILOG}
+    name, (title, _, text) = module.__name__.rpartition(".")[2], module.__doc__.partition("\n\n")
+    description, _, examples = text.partition("\n\n  ")
+    words = {"description": description, "epilog": f"examples:\n  {examples.rstrip()}"}
     words["formatter_class"] = argparse.RawDescriptionHelpFormatter
-    about = about.partition(".\n")[0].rstrip(".")
+    about = title.partition(": ")[2].rstrip(".")
     parser = subparsers.add_parser(name, help=about, **words)
     parser.set_defaults(run=module.run, prog=parser.prog)
     module.add_options(parser)

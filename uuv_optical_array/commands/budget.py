@@ -1,4 +1,18 @@
-"""``uuv_array budget``: from lamp, water, photodiode and amplifier to counts, noise and reach."""
+"""``uuv_array budget``: from lamp, water, photodiode and amplifier to counts, noise and reach.
+
+The link budget of an instrument: from the lamp's watts and the data sheets of photodiode, amplifier
+and converter to the counts, the noise and the reach of a scene, whose light and noise are those of
+every other command. It prints the keys to write into a scene file, the risk group of the lamp, and
+what errors of building cost. With --reach it finds the watts instead.
+
+  uuv_array budget                                     the instrument of the guide
+  uuv_array budget --scene harbour --lamp-w 2          in another water, with a brighter lamp
+  uuv_array budget --reach 8                           the least watts that reach 8 m
+  uuv_array budget --daylight-w-per-m2 1 --filter 0.7  by day, behind a filter
+
+The reach is where the Cramer-Rao bound of one image keeps within the specification of Eren et al.
+(2016), 0.2 m and 10 deg, as `uuv_array limits` has it, with the scene's prior.
+"""
 
 import argparse
 import dataclasses
@@ -20,22 +34,6 @@ from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION
 from uuv_optical_array.plots.style import new_figure, save
 from uuv_optical_array.studies.limits import aligned, reach, within
-
-DESCRIPTION = """\
-The link budget of an instrument: from the lamp's watts and the data sheets of photodiode, amplifier
-and converter to the counts, the noise and the reach of a scene, whose light and noise are those of
-every other command. It prints the keys to write into a scene file, the risk group of the lamp, and
-what errors of building cost. With --reach it finds the watts instead."""
-
-EPILOG = """\
-examples:
-  uuv_array budget                                     the instrument of the guide
-  uuv_array budget --scene harbour --lamp-w 2          in another water, with a brighter lamp
-  uuv_array budget --reach 8                           the least watts that reach 8 m
-  uuv_array budget --daylight-w-per-m2 1 --filter 0.7  by day, behind a filter
-
-The reach is where the Cramer-Rao bound of one image keeps within the specification of Eren et al.
-(2016), 0.2 m and 10 deg, as `uuv_array limits` has it, with the scene's prior."""
 
 RANGES_M = (1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0)
 DRAWN_M = np.geomspace(1.0, 20.0, 120)

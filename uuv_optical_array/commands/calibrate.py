@@ -1,4 +1,25 @@
-"""``uuv_array calibrate``: fit lamp, water, background and gains to a recorded bag."""
+"""``uuv_array calibrate``: fit lamp, water, background and gains to a recorded bag.
+
+Fit the lamp (power and width of the beam; of several lamps the power, place and axis of each), the
+water (absorption and scattering, or K), the array (response, radius of the sphere, each detector's
+gain), the aim of lamp and array, and the background, which demodulation removes, to a recorded bag
+whose poses are known from both odometries, or from a table of places measured on a rail, and write
+the resulting scene. Each value is printed with its standard error. What the bag does not determine
+keeps its value and is named, with what to record for it. Power and mean gain are one product, so
+the geometric mean of the gains is 1; that of several lamps' powers stays. Where the residuals show
+that the model is wrong, no scene is written; the exit code is 1.
+
+  ros2 bag record -o sea /array/image /leader/odometry /follower/odometry
+  uuv_array calibrate sea --scene follow -o sea.yaml --picture residuals.png
+  uuv_array calibrate sea --remap array/image:=/bow/array/image --beacon-position -0.7 0 0.2
+  uuv_array calibrate sea --pose-std 0.02 0.5      odometry has errors of 2 cm and 0.5 deg
+  uuv_array calibrate sea --noise                  fit the noise too
+  uuv_array calibrate tank --places places.csv     measured places instead of odometry
+The table has the columns image (from 0 on) or time_s (after the first image); x_m, y_m, z_m,
+pitch_deg, yaw_deg of base_link in beacon; x_std_m, y_std_m, z_std_m, pitch_std_deg, yaw_std_deg;
+and perhaps last_image or until_s, whose images share a place and its error, and roll_deg.
+Needs rosbags, lz4 and zstandard (pip install rosbags lz4 zstandard), but no ROS.
+"""
 
 import argparse
 import dataclasses
@@ -20,29 +41,6 @@ from uuv_optical_array.forward.scene_files import own_text
 from uuv_optical_array.plots.style import array_image, new_figure, save, signed
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.places import LEAST_STD, with_places
-
-DESCRIPTION = """\
-Fit the lamp (power and width of the beam; of several lamps the power, place and axis of each), the
-water (absorption and scattering, or K), the array (response, radius of the sphere, each detector's
-gain), the aim of lamp and array, and the background, which demodulation removes, to a recorded bag
-whose poses are known from both odometries, or from a table of places measured on a rail, and write
-the resulting scene. Each value is printed with its standard error. What the bag does not determine
-keeps its value and is named, with what to record for it. Power and mean gain are one product, so
-the geometric mean of the gains is 1; that of several lamps' powers stays. Where the residuals show
-that the model is wrong, no scene is written; the exit code is 1."""
-
-EPILOG = """\
-examples:
-  ros2 bag record -o sea /array/image /leader/odometry /follower/odometry
-  uuv_array calibrate sea --scene follow -o sea.yaml --picture residuals.png
-  uuv_array calibrate sea --remap array/image:=/bow/array/image --beacon-position -0.7 0 0.2
-  uuv_array calibrate sea --pose-std 0.02 0.5      odometry has errors of 2 cm and 0.5 deg
-  uuv_array calibrate sea --noise                  fit the noise too
-  uuv_array calibrate tank --places places.csv     measured places instead of odometry
-The table has the columns image (from 0 on) or time_s (after the first image); x_m, y_m, z_m,
-pitch_deg, yaw_deg of base_link in beacon; x_std_m, y_std_m, z_std_m, pitch_std_deg, yaw_std_deg;
-and perhaps last_image or until_s, whose images share a place and its error, and roll_deg.
-Needs rosbags, lz4 and zstandard (pip install rosbags lz4 zstandard), but no ROS."""
 
 STDS = {
     "position": Quantity("standard deviation of x, y and z", "m", 0, 10),

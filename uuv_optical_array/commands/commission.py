@@ -1,4 +1,23 @@
-"""``uuv_array commission``: find an array's wiring with a torch, and test it with the lamp."""
+"""``uuv_array commission``: find an array's wiring with a torch, and test it with the lamp.
+
+Find which reading of the image is which detector, and write it into the scene as array.wiring, by
+which every node reorders each image that it receives. Move a torch in front of the array, as the
+command tells you: from port to starboard, then from top to bottom. It finds any wiring, mirrored,
+turned or scrambled. A mirrored array gives false poses that no software can detect. An
+array.wiring that the scene has is ignored and replaced. An array that demodulates sees no torch:
+move one of the lamps in its place. With --lamp it goes on to the acceptance test before the first
+dive: the lamp shines at a known range, or all lamps do, and each detector and the whole pass or
+fail, by their noise, their level in the dark and their light, with what to do about it; the exit
+code is 1 where something fails.
+
+  uuv_array commission --scene sea.yaml -o sea.yaml     listens to array/image
+  uuv_array commission --topic /bow/array/image         another topic
+  uuv_array commission torch                            a bag of both sweeps; needs no ROS
+  uuv_array commission --lamp 4 --in-air                the acceptance test on deck, lamp at 4 m
+Keep the array in the dark or in steady light, and leave 1 s without the torch before, between and
+after the sweeps and at least 3 images for each column. An array on a serial line needs the node
+that publishes its images. Ctrl-C writes nothing.
+"""
 
 import argparse
 import dataclasses
@@ -13,28 +32,6 @@ from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
 from uuv_optical_array.recording.images import Topics, read_recording
-
-DESCRIPTION = """\
-Find which reading of the image is which detector, and write it into the scene as array.wiring, by
-which every node reorders each image that it receives. Move a torch in front of the array, as the
-command tells you: from port to starboard, then from top to bottom. It finds any wiring, mirrored,
-turned or scrambled. A mirrored array gives false poses that no software can detect. An
-array.wiring that the scene has is ignored and replaced. An array that demodulates sees no torch:
-move one of the lamps in its place. With --lamp it goes on to the acceptance test before the first
-dive: the lamp shines at a known range, or all lamps do, and each detector and the whole pass or
-fail, by their noise, their level in the dark and their light, with what to do about it; the exit
-code is 1 where something fails."""
-
-EPILOG = """\
-examples:
-  uuv_array commission --scene sea.yaml -o sea.yaml     listens to array/image
-  uuv_array commission --topic /bow/array/image         another topic
-  uuv_array commission torch                            a bag of both sweeps; needs no ROS
-  uuv_array commission --lamp 4 --in-air                the acceptance test on deck, lamp at 4 m
-Keep the array in the dark or in steady light, and leave 1 s without the torch before, between and
-after the sweeps and at least 3 images for each column. An array on a serial line needs the node
-that publishes its images. Ctrl-C writes nothing."""
-
 
 MODULATED = "the array sees modulated light only: move one of the lamps, lit, in place of the torch"
 AHEAD = "then test with the lamp so far ahead of base_link: the acceptance test"

@@ -1,4 +1,19 @@
-"""``uuv_array estimate``: estimate the poses of a recorded bag."""
+"""``uuv_array estimate``: estimate the poses of a recorded bag.
+
+Estimate every image of a recorded bag as feature and estimator node would, with any scene and
+method, on all cores (`taskset` allows fewer). Writes a folder: frames.csv (a line for each image),
+bag (MCAP, with relative_pose), relative_pose.tum and, where the bag has both odometries, truth.tum.
+With --track the frames are also filtered, in their order and with the follower's commands if the
+bag has any (relative_odometry). The roll is assumed to be 0. A folder without metadata.yaml is read
+by its files, and a truncated file as far as it is whole.
+
+  uuv_array estimate sea                                by the default scene, into sea_estimates
+  uuv_array estimate sea --scene sea.yaml -o again      by another scene
+  uuv_array estimate sea --method sam --track           by another method, and filtered
+  evo_ape tum sea_estimates/truth.tum sea_estimates/relative_pose.tum
+Ctrl-C ends it early and writes what there is. Needs rosbags, lz4 and zstandard (pip install rosbags
+lz4 zstandard), but no ROS.
+"""
 
 import argparse
 import time
@@ -17,23 +32,6 @@ from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.replay import replay
 from uuv_optical_array.recording.results import write_results
-
-DESCRIPTION = """\
-Estimate every image of a recorded bag as feature and estimator node would, with any scene and
-method, on all cores (`taskset` allows fewer). Writes a folder: frames.csv (a line for each image),
-bag (MCAP, with relative_pose), relative_pose.tum and, where the bag has both odometries, truth.tum.
-With --track the frames are also filtered, in their order and with the follower's commands if the
-bag has any (relative_odometry). The roll is assumed to be 0. A folder without metadata.yaml is read
-by its files, and a truncated file as far as it is whole."""
-
-EPILOG = """\
-examples:
-  uuv_array estimate sea                                by the default scene, into sea_estimates
-  uuv_array estimate sea --scene sea.yaml -o again      by another scene
-  uuv_array estimate sea --method sam --track           by another method, and filtered
-  evo_ape tum sea_estimates/truth.tum sea_estimates/relative_pose.tum
-Ctrl-C ends it early and writes what there is. Needs rosbags, lz4 and zstandard (pip install rosbags
-lz4 zstandard), but no ROS."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,22 @@
-"""``uuv_array follow``: let a follower follow a leader by light, and draw what happened."""
+"""``uuv_array follow``: let a follower follow a leader by light, and draw what happened.
+
+A leader waits until its follower sees it, and once on a machine until the fit is compiled; then it
+runs straight, turns, and changes depth, and the follower keeps station behind it by the light of
+the leader's lamp alone. Simulator, feature, estimator, formation and vehicles node run in this one
+process, on real ROS 2 topics, with the parameters of follow.launch.py. At the end a summary is
+printed and a picture is written. Several followers swim in a V, each with nodes of its own in a
+namespace, as in formation.launch.py, by default in the scene formation; the exit code is also 1
+when two vehicles came too near to each other.
+
+  uuv_array follow                          60 s of the default scene
+  uuv_array follow --seed 1                 with the same noise each time
+  uuv_array follow --scene sea.yaml         your own lamp, water and array
+  uuv_array follow --record run             a bag for uuv_array estimate; needs the extra `bags`
+  uuv_array follow --followers 3            a V; the third follower is lit by the first
+Ctrl-C ends the run early and reports what there is, with exit code 130. While it runs,
+`ros2 topic echo /relative_pose` shows the estimates. The exit code is 1 when a follower lost its
+leader, and when another run is on the network; ROS_DOMAIN_ID=7 uuv_array follow runs beside it.
+"""
 
 import argparse
 import sys
@@ -18,26 +36,6 @@ from uuv_optical_array.core.storage import files
 from uuv_optical_array.plots.follow import draw_follow
 from uuv_optical_array.plots.style import save
 from uuv_optical_array.recording.bag import BagWriter
-
-DESCRIPTION = """\
-A leader waits until its follower sees it, and once on a machine until the fit is compiled; then it
-runs straight, turns, and changes depth, and the follower keeps station behind it by the light of
-the leader's lamp alone. Simulator, feature, estimator, formation and vehicles node run in this one
-process, on real ROS 2 topics, with the parameters of follow.launch.py. At the end a summary is
-printed and a picture is written. Several followers swim in a V, each with nodes of its own in a
-namespace, as in formation.launch.py, by default in the scene formation; the exit code is also 1
-when two vehicles came too near to each other."""
-
-EPILOG = """\
-examples:
-  uuv_array follow                          60 s of the default scene
-  uuv_array follow --seed 1                 with the same noise each time
-  uuv_array follow --scene sea.yaml         your own lamp, water and array
-  uuv_array follow --record run             a bag for uuv_array estimate; needs the extra `bags`
-  uuv_array follow --followers 3            a V; the third follower is lit by the first
-Ctrl-C ends the run early and reports what there is, with exit code 130. While it runs,
-`ros2 topic echo /relative_pose` shows the estimates. The exit code is 1 when a follower lost its
-leader, and when another run is on the network; ROS_DOMAIN_ID=7 uuv_array follow runs beside it."""
 
 DURATION = Quantity("length of the run from the leader's start", "s", 1e-3, 1e6)
 SEED = Quantity("seed of the noise (default: the parameter file's, a new one)", "", -1, 2**31 - 1)

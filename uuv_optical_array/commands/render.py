@@ -1,4 +1,13 @@
-"""``uuv_array render``: draw what the array reads in a scene."""
+"""``uuv_array render``: draw what the array reads in a scene.
+
+Draw what the array reads in a scene: images from 4 to 8 m behind the lamp, aligned, shifted to
+port, turned to port and pitched down; below them the profiles through the peak and their gradients,
+from which the key parameters are taken. Each image has noise of its own.
+
+  uuv_array render                               the default scene, into render.png
+  uuv_array render --scene harbour --output harbour.png
+  uuv_array render --scene sea.yaml --seed 2     your own scene, with other noise
+"""
 
 import argparse
 from typing import Any
@@ -14,17 +23,6 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M
 from uuv_optical_array.plots.style import array_image, detector_ticks, new_figure, save, shades
-
-DESCRIPTION = """\
-Draw what the array reads in a scene: images from 4 to 8 m behind the lamp, aligned, shifted to
-port, turned to port and pitched down; below them the profiles through the peak and their gradients,
-from which the key parameters are taken. Each image has noise of its own."""
-
-EPILOG = """\
-examples:
-  uuv_array render                               the default scene, into render.png
-  uuv_array render --scene harbour --output harbour.png
-  uuv_array render --scene sea.yaml --seed 2     your own scene, with other noise"""
 
 TIME = Quantity("time at which lamp flicker, drift and plume are evaluated", "s", 0, 1e10)
 COLUMNS = (  # title, degree of freedom, m or deg

@@ -1,4 +1,19 @@
-"""``uuv_array table``: write the signature table of a scene."""
+"""``uuv_array table``: write the signature table of a scene.
+
+Write the signature table of a scene: the five key parameters of every pose on the grid that the
+scene's `table` names, free of noise. Estimators build the table of their scene in memory, which
+takes a second for the default scene. Write a table whose grid is so fine that this takes too long,
+and name its folder in the parameter `table` of estimator_node, which refuses it where it is
+damaged or of another scene.
+
+The table is a Zarr array, which Dask fills block by block, on threads of this machine or on a
+cluster; this needs the extra `cluster`. The same command goes on after an interruption.
+
+  uuv_array table                              the default scene, into follow.zarr/
+  uuv_array table --scene sea.yaml -o /data/t  your own scene, into a folder of your choice
+  uuv_array table --scene sea.yaml -o /shared/sea.zarr --workers tcp://10.0.0.1:8786
+                                               on a cluster, into a folder that all of it sees
+"""
 
 import argparse
 import functools
@@ -7,23 +22,6 @@ import time
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.estimation import signature_table as tables
 from uuv_optical_array.estimation.large_table import build_large_table
-
-DESCRIPTION = """\
-Write the signature table of a scene: the five key parameters of every pose on the grid that the
-scene's `table` names, free of noise. Estimators build the table of their scene in memory, which
-takes a second for the default scene. Write a table whose grid is so fine that this takes too long,
-and name its folder in the parameter `table` of estimator_node, which refuses it where it is
-damaged or of another scene.
-
-The table is a Zarr array, which Dask fills block by block, on threads of this machine or on a
-cluster; this needs the extra `cluster`. The same command goes on after an interruption."""
-
-EPILOG = """\
-examples:
-  uuv_array table                              the default scene, into follow.zarr/
-  uuv_array table --scene sea.yaml -o /data/t  your own scene, into a folder of your choice
-  uuv_array table --scene sea.yaml -o /shared/sea.zarr --workers tcp://10.0.0.1:8786
-                                               on a cluster, into a folder that all of it sees"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,20 @@
-"""``uuv_array view``: watch a follow in the browser."""
+"""``uuv_array view``: watch a follow in the browser.
+
+Serve a page that shows leader, follower, beam and array in 3-D, the true and the estimated pose
+with its three sigma, the array's image, the light, and the errors over time. Without a bag a
+follower follows a leader in a simulation, in real time; sliders change the sea, the lamp and the
+station while it runs, and the estimator is not told. With a bag, its images are estimated as by
+`uuv_array estimate --track`, and a time line moves through them. view_node serves such a page for
+live ROS topics.
+
+  uuv_array view                            open the address that it prints
+  uuv_array view --scene night_plume        in another sea
+  uuv_array view sea --scene sea.yaml       a recorded bag; needs the extra `bags`
+  uuv_array view --address 0.0.0.0:8080     for browsers on other machines, too
+  uuv_array view --screenshot view.png      a picture by a Chromium; no window opens
+Ctrl-C ends it with exit code 130. Needs viser (pip install viser), but no ROS. Whoever has the
+address that it prints can operate it: keep its last part, which is new each time, to yourself.
+"""
 
 import argparse
 from contextlib import ExitStack
@@ -10,24 +26,6 @@ from uuv_optical_array.cli import bag, options, outputs
 from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.view import LOOPBACK, PORT
-
-DESCRIPTION = """\
-Serve a page that shows leader, follower, beam and array in 3-D, the true and the estimated pose
-with its three sigma, the array's image, the light, and the errors over time. Without a bag a
-follower follows a leader in a simulation, in real time; sliders change the sea, the lamp and the
-station while it runs, and the estimator is not told. With a bag, its images are estimated as by
-`uuv_array estimate --track`, and a time line moves through them. view_node serves such a page for
-live ROS topics."""
-
-EPILOG = """\
-examples:
-  uuv_array view                            open the address that it prints
-  uuv_array view --scene night_plume        in another sea
-  uuv_array view sea --scene sea.yaml       a recorded bag; needs the extra `bags`
-  uuv_array view --address 0.0.0.0:8080     for browsers on other machines, too
-  uuv_array view --screenshot view.png      a picture by a Chromium; no window opens
-Ctrl-C ends it with exit code 130. Needs viser (pip install viser), but no ROS. Whoever has the
-address that it prints can operate it: keep its last part, which is new each time, to yourself."""
 
 SEED = Quantity("seed of the noise (default: a new one)", "", 0, options.SEED.high)
 PORTS = Setting(int, Quantity("port", "", 1, 65535), PORT, optional=False)

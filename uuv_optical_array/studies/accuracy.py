@@ -1,4 +1,24 @@
-"""``uuv_array study accuracy``: measure errors of estimates beside bound and covariances."""
+"""``uuv_array study accuracy``: measure errors of estimates beside bound and covariances.
+
+Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks
+above 20 counts, and compare the errors with the Cramer-Rao bound of one image and with the
+covariances of the estimates. --known draws seas from each of the priors exactly, calibrated and
+as_bought, and a table says how much better the bound is where one more setting of the prior is
+known. --lamps places and tilts one to four lamps as the scene's are, in a known sea, in one that is
+drawn from the prior, and in that one behind a cloud, which shades every image unevenly by 20 %; the
+estimator then holds half of the images for shaded. docs/results/accuracy.md explains every
+figure.
+
+  uuv_array study accuracy                           20,000 poses of the reference scene
+  uuv_array study accuracy --scene follow --json     the default scene, as one JSON object
+  uuv_array study accuracy --method sam              the paper's method
+  uuv_array study accuracy --shape planar            the same scene with a planar array
+  uuv_array study accuracy --scene follow --known    what it costs to know less of the sea
+  uuv_array study accuracy --scene leading_lights --lamps  what several lamps gain
+  uuv_array study accuracy --scene harbour --drawn   K and the lamp's power drawn from the prior
+  uuv_array study accuracy --scene night_plume --moving   with clouds, flicker and drift
+Ctrl-C ends the study early and reports the frames it has.
+"""
 
 import argparse
 import dataclasses
@@ -32,28 +52,6 @@ from uuv_optical_array.studies.shared.errors import (
     range_across_angle,
 )
 from uuv_optical_array.studies.shared.results import until_interrupted
-
-DESCRIPTION = """\
-Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks
-above 20 counts, and compare the errors with the Cramer-Rao bound of one image and with the
-covariances of the estimates. --known draws seas from each of the priors exactly, calibrated and
-as_bought, and a table says how much better the bound is where one more setting of the prior is
-known. --lamps places and tilts one to four lamps as the scene's are, in a known sea, in one that is
-drawn from the prior, and in that one behind a cloud, which shades every image unevenly by 20 %; the
-estimator then holds half of the images for shaded. docs/results/accuracy.md explains every
-figure."""
-
-EPILOG = """\
-examples:
-  uuv_array study accuracy                           20,000 poses of the reference scene
-  uuv_array study accuracy --scene follow --json     the default scene, as one JSON object
-  uuv_array study accuracy --method sam              the paper's method
-  uuv_array study accuracy --shape planar            the same scene with a planar array
-  uuv_array study accuracy --scene follow --known    what it costs to know less of the sea
-  uuv_array study accuracy --scene leading_lights --lamps  what several lamps gain
-  uuv_array study accuracy --scene harbour --drawn   K and the lamp's power drawn from the prior
-  uuv_array study accuracy --scene night_plume --moving   with clouds, flicker and drift
-Ctrl-C ends the study early and reports the frames it has."""
 
 POSES, KNOWN_POSES = 20_000, 4_000
 BAND = 0.95

@@ -1,4 +1,19 @@
-"""``uuv_array advise``: name the cheapest setting that meets a rate and an accuracy."""
+"""``uuv_array advise``: name the cheapest setting that meets a rate and an accuracy.
+
+Name the cheapest setting that meets a rate and an accuracy: array, size of the table, and method of
+the estimator. Cheapest is fewest detectors, then the smallest table, then the least time. A rate is
+met if the 99th percentile of a frame's time fits its period, an accuracy if the RMS errors of
+random poses 4 to 8 m behind the lamp do, and 99 % of frames must get a pose.
+
+It reads the measurements of `uuv_array study tradeoff` in this scene on this machine, from
+SCENE.tradeoff here or the folder that --output names. If there are none it makes those of the quick
+mode, and stores them in the user's cache. Exit code 1 means that no setting meets the need.
+
+  uuv_array advise --rate 10                                the paper's 0.2 m and 10 deg
+  uuv_array advise --rate 100 --position 0.1 --angle 2      faster and better
+  uuv_array advise --rate 5 --scene sea.yaml --json         your own scene, as one JSON object
+Ctrl-C while it measures keeps the results so far; the next call goes on.
+"""
 
 import argparse
 import dataclasses
@@ -25,23 +40,6 @@ from uuv_optical_array.studies.shared import tradeoff_measurement as measured
 from uuv_optical_array.studies.shared.errors import position_and_angle
 from uuv_optical_array.studies.shared.results import Results, read
 from uuv_optical_array.studies.shared.tradeoff_measurement import Group, Measurement
-
-DESCRIPTION = """\
-Name the cheapest setting that meets a rate and an accuracy: array, size of the table, and method of
-the estimator. Cheapest is fewest detectors, then the smallest table, then the least time. A rate is
-met if the 99th percentile of a frame's time fits its period, an accuracy if the RMS errors of
-random poses 4 to 8 m behind the lamp do, and 99 % of frames must get a pose.
-
-It reads the measurements of `uuv_array study tradeoff` in this scene on this machine, from
-SCENE.tradeoff here or the folder that --output names. If there are none it makes those of the quick
-mode, and stores them in the user's cache. Exit code 1 means that no setting meets the need."""
-
-EPILOG = """\
-examples:
-  uuv_array advise --rate 10                                the paper's 0.2 m and 10 deg
-  uuv_array advise --rate 100 --position 0.1 --angle 2      faster and better
-  uuv_array advise --rate 5 --scene sea.yaml --json         your own scene, as one JSON object
-Ctrl-C while it measures keeps the results so far; the next call goes on."""
 
 POSITION_M, ANGLE_DEG = float(SPECIFICATION[X]), float(SPECIFICATION[YAW])
 BOUNDED = 200  # poses whose bound is shown

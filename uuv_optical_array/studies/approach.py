@@ -1,8 +1,17 @@
 """``uuv_array study approach``: repeat the Monte Carlo of Eren et al. (2017), and by our method.
 
-A follower closes from 8.5 m to 4.5 m at 0.5 m/s and takes 41 images. In each run the water's
-temperature (and so the detectors' gain) and its attenuation are off by unknown constants. Published
-are mean errors at the end and 95 % errors at the start and at the end.
+Repeat the Monte Carlo of Eren et al. (Sensors 2017): a follower closes from 8.5 m to 4.5 m behind a
+lamp at 0.5 m/s and takes 41 images, in a dive and in a zigzag, in tank water and in murkier water.
+In every run temperature and attenuation are off by unknown constants. The published errors stand
+beside those of the published method built again (moments), of single images (least_squares), of
+these tracked (tracker), and of a smoother that takes lamp and water for constant (docking).
+docs/results/approach.md explains every choice.
+
+  uuv_array study approach                      100 runs of each case
+  uuv_array study approach --runs 2000          as many as the paper
+  uuv_array study approach --choices gaussian   1 % as a standard deviation
+  uuv_array study approach --choices --runs 60  what each choice changes, at the end of a run
+Ctrl-C ends it early and reports the complete runs.
 """
 
 import argparse
@@ -31,22 +40,6 @@ from uuv_optical_array.studies.docking_smoother import Motion, bound, smoothed
 from uuv_optical_array.studies.shared.errors import by_column
 from uuv_optical_array.studies.shared.published import calibrate, dead_reckoned
 from uuv_optical_array.studies.shared.results import until_interrupted
-
-DESCRIPTION = """\
-Repeat the Monte Carlo of Eren et al. (Sensors 2017): a follower closes from 8.5 m to 4.5 m behind a
-lamp at 0.5 m/s and takes 41 images, in a dive and in a zigzag, in tank water and in murkier water.
-In every run temperature and attenuation are off by unknown constants. The published errors stand
-beside those of the published method built again (moments), of single images (least_squares), of
-these tracked (tracker), and of a smoother that takes lamp and water for constant (docking).
-docs/results/approach.md explains every choice."""
-
-EPILOG = """\
-examples:
-  uuv_array study approach                      100 runs of each case
-  uuv_array study approach --runs 2000          as many as the paper
-  uuv_array study approach --choices gaussian   1 % as a standard deviation
-  uuv_array study approach --choices --runs 60  what each choice changes, at the end of a run
-Ctrl-C ends it early and reports the complete runs."""
 
 FAR_M, NEAR_M, SPEED_M_PER_S, RATE_HZ = 8.5, 4.5, 0.5, 5.0
 STEP_S = 1 / RATE_HZ

@@ -1,4 +1,20 @@
-"""``uuv_array study design``: sweep array and lamp, and say which design to build."""
+"""``uuv_array study design``: sweep array and lamp, and say which design to build.
+
+Sweep the array (shape, detectors, size, radius of curvature), the width of the lamp's beam and, in
+a scene with `lamps`, their number, distance from the centre and tilt. Each design is scored by the
+criteria of Eren et al. (2016), whether the signature tells 0.2 m and 10 deg apart 4 to 8 m behind
+the lamp and how many detectors that takes, and by the Cramer-Rao bound over the working volume. The
+scores go into a picture and a CSV beside it; the Pareto-optimal designs are printed. A design that
+has a score in the CSV is not scored again, so the same command resumes an interrupted sweep.
+
+  uuv_array study design                             the default scene, into follow.design.csv
+  uuv_array study design --sweep width_m=0.3,0.4 detectors_per_side=5,7    some of it
+  uuv_array study design --take 2                    all of it, and design 2 as a scene file
+  uuv_array study design --scene leading_lights --sweep lamps=1,3 spread_m=0.2,0.4 tilt_deg=0,3
+fronts: `fits` is of arrays no wider than the scene's, `resolved` of those of them that meet the
+criterion at 4 m, `any` of all. A design is left out if another one has no more detectors and bounds
+that are no more than 10 % larger. Ctrl-C ends it early and draws what there is.
+"""
 
 import argparse
 import dataclasses
@@ -22,24 +38,6 @@ from uuv_optical_array.studies.design_sweep import PAPER, Design, DesignStudy, S
 from uuv_optical_array.studies.shared.pareto import STEP
 from uuv_optical_array.studies.shared.results import Results
 from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
-
-DESCRIPTION = """\
-Sweep the array (shape, detectors, size, radius of curvature), the width of the lamp's beam and, in
-a scene with `lamps`, their number, distance from the centre and tilt. Each design is scored by the
-criteria of Eren et al. (2016), whether the signature tells 0.2 m and 10 deg apart 4 to 8 m behind
-the lamp and how many detectors that takes, and by the Cramer-Rao bound over the working volume. The
-scores go into a picture and a CSV beside it; the Pareto-optimal designs are printed. A design that
-has a score in the CSV is not scored again, so the same command resumes an interrupted sweep."""
-
-EPILOG = """\
-examples:
-  uuv_array study design                             the default scene, into follow.design.csv
-  uuv_array study design --sweep width_m=0.3,0.4 detectors_per_side=5,7    some of it
-  uuv_array study design --take 2                    all of it, and design 2 as a scene file
-  uuv_array study design --scene leading_lights --sweep lamps=1,3 spread_m=0.2,0.4 tilt_deg=0,3
-fronts: `fits` is of arrays no wider than the scene's, `resolved` of those of them that meet the
-criterion at 4 m, `any` of all. A design is left out if another one has no more detectors and bounds
-that are no more than 10 % larger. Ctrl-C ends it early and draws what there is."""
 
 CLEAR_SIGMAS = 3.0
 

@@ -1,7 +1,15 @@
 """``uuv_array study drives``: measure tracks of drives through seas drawn from the scene's prior.
 
-A single frame cannot tell a weak lamp from a far one. While the range changes a track can, and
-learns what the scene leaves uncertain.
+Drive from 8 to 4 m behind the lamp and back, swaying, each time through another sea: what the
+scene's prior leaves uncertain, such as the lamp's power, is drawn from it and stays for the drive.
+Each image goes through the stages of the nodes, and the track is compared with the truth. A
+consistent track has a mean NEES of 5. At the end, when the track has learnt most of the sea, it is
+compared with poses of single images, for which the sea is as uncertain as the prior says.
+
+  uuv_array study drives                        50 drives of a minute in the default scene
+  uuv_array study drives --scene harbour        in another one
+  uuv_array study drives --rate 20 --seconds 30
+Ctrl-C ends the study early and reports the drives it has.
 """
 
 import argparse
@@ -23,20 +31,6 @@ from uuv_optical_array.forward.prior import ROLL
 from uuv_optical_array.forward.working_volume import HIGH, LOW
 from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors
 from uuv_optical_array.studies.shared.results import until_interrupted
-
-DESCRIPTION = """\
-Drive from 8 to 4 m behind the lamp and back, swaying, each time through another sea: what the
-scene's prior leaves uncertain, such as the lamp's power, is drawn from it and stays for the drive.
-Each image goes through the stages of the nodes, and the track is compared with the truth. A
-consistent track has a mean NEES of 5. At the end, when the track has learnt most of the sea, it is
-compared with poses of single images, for which the sea is as uncertain as the prior says."""
-
-EPILOG = """\
-examples:
-  uuv_array study drives                        50 drives of a minute in the default scene
-  uuv_array study drives --scene harbour        in another one
-  uuv_array study drives --rate 20 --seconds 30
-Ctrl-C ends the study early and reports the drives it has."""
 
 SWAY = 0.4  # of the working volume's half width, across and in angle
 SWAY_RAD_PER_S = (0.1, 0.25)

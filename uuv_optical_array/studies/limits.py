@@ -1,4 +1,19 @@
-"""``uuv_array limits``: print and draw how well one image can fix the pose at all."""
+"""``uuv_array limits``: print and draw how well one image can fix the pose at all.
+
+The Cramer-Rao bound of a scene: the smallest standard deviation that any unbiased estimator can
+reach from one image, given array, lamp, water and noise. It is printed for one pose, and drawn over
+the working volume for a planar and for a curved array. What the scene's `prior` leaves uncertain,
+such as the lamp's power, is estimated along with the pose and raises the bound.
+
+  uuv_array limits                           6 m behind the lamp, in the default scene
+  uuv_array limits --pose -8 0.5 0 0 10      8 m behind and 0.5 m to port, bow 10 deg to port
+  uuv_array limits --shape planar            the same scene with a planar array
+  uuv_array limits --scene sea.yaml --output sea.png
+
+A large condition number means that the image determines one combination of metres and radians far
+better than another: the planar array can hardly tell a lateral offset from a turn. An angle whose
+bound exceeds 180 deg is unknown. Averaging n independent images divides a bound by sqrt(n).
+"""
 
 import argparse
 import itertools
@@ -18,23 +33,6 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M, SPECIFICATION
 from uuv_optical_array.plots.style import SHAPE_COLOURS, drop_overlapping, new_figure, save
-
-DESCRIPTION = """\
-The Cramer-Rao bound of a scene: the smallest standard deviation that any unbiased estimator can
-reach from one image, given array, lamp, water and noise. It is printed for one pose, and drawn over
-the working volume for a planar and for a curved array. What the scene's `prior` leaves uncertain,
-such as the lamp's power, is estimated along with the pose and raises the bound."""
-
-EPILOG = """\
-examples:
-  uuv_array limits                           6 m behind the lamp, in the default scene
-  uuv_array limits --pose -8 0.5 0 0 10      8 m behind and 0.5 m to port, bow 10 deg to port
-  uuv_array limits --shape planar            the same scene with a planar array
-  uuv_array limits --scene sea.yaml --output sea.png
-
-A large condition number means that the image determines one combination of metres and radians far
-better than another: the planar array can hardly tell a lateral offset from a turn. An angle whose
-bound exceeds 180 deg is unknown. Averaging n independent images divides a bound by sqrt(n)."""
 
 POSE = {
     "X": Quantity("ahead of the lamp", "m", -1000, 1000),

@@ -1,7 +1,16 @@
 """``uuv_array study paper``: repeat the figures of Eren et al. (2016), their numbers beside ours.
 
-What the paper leaves open is a choice: ours are the scene `eren2016` and `paper_signature`, others
-are `alternatives`.
+Repeat Figs 4, 5 and 6 of Eren et al. (2016): the spectral angle between the signatures of an
+aligned array and of one that is shifted to starboard or turned, for planar and curved arrays of
+3 x 3 to 101 x 101 detectors, 4 to 8 m behind the lamp. Every number that the paper's text states of
+these figures is printed beside ours, and again for other choices where the paper leaves one open:
+the beam's width, the blur, the scaling of the five key parameters, the noise.
+
+  uuv_array study paper                        the tables, and the figures into paper.png
+  uuv_array study paper --output eren2016.png  the picture where you want it
+  uuv_array study paper --json                 one JSON object, including the curves
+  uuv_array study paper --scene sea.yaml       your own lamp, water and sphere
+Ctrl-C ends it early and reports what is complete. docs/results/paper.md explains every figure.
 """
 
 import argparse
@@ -38,21 +47,6 @@ from uuv_optical_array.studies.shared.separation import (
     paper_signature,
     scene_signature,
 )
-
-DESCRIPTION = """\
-Repeat Figs 4, 5 and 6 of Eren et al. (2016): the spectral angle between the signatures of an
-aligned array and of one that is shifted to starboard or turned, for planar and curved arrays of
-3 x 3 to 101 x 101 detectors, 4 to 8 m behind the lamp. Every number that the paper's text states of
-these figures is printed beside ours, and again for other choices where the paper leaves one open:
-the beam's width, the blur, the scaling of the five key parameters, the noise."""
-
-EPILOG = """\
-examples:
-  uuv_array study paper                        the tables, and the figures into paper.png
-  uuv_array study paper --output eren2016.png  the picture where you want it
-  uuv_array study paper --json                 one JSON object, including the curves
-  uuv_array study paper --scene sea.yaml       your own lamp, water and sphere
-Ctrl-C ends it early and reports what is complete. docs/results/paper.md explains every figure."""
 
 NOISE_RANGES_M = (4.0, 8.0)
 SEED = 1

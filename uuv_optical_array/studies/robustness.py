@@ -1,4 +1,17 @@
-"""``uuv_array study robustness``: say what estimates are worth where the sea is not the scene."""
+"""``uuv_array study robustness``: say what estimates are worth where the sea is not the scene.
+
+Estimate poses from images of a sea that differs from the scene, kind of mismatch by kind: another
+lamp, other water, daylight, broken detectors, shade, images of no lamp at all. The estimator
+assumes the scene. It should answer what its prior covers, with a true covariance, and refuse the
+rest; an answer off by more than six of its own standard deviations is false.
+docs/reference/mismatches.md has the kinds and what to do about each.
+
+  uuv_array study robustness                               every kind, in the default scene
+  uuv_array study robustness --method sam                  the paper's method
+  uuv_array study robustness --kinds k-0.05,power_x0.8     some kinds
+  uuv_array study robustness --scene night_plume --kinds nothing,moving
+Ctrl-C ends it early and reports the kinds it has.
+"""
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -19,21 +32,6 @@ from uuv_optical_array.plots.style import mark, new_figure, plain_log_ticks, sav
 from uuv_optical_array.studies.mismatches import Kind, kinds_named
 from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors, errors_of
 from uuv_optical_array.studies.shared.results import until_interrupted
-
-DESCRIPTION = """\
-Estimate poses from images of a sea that differs from the scene, kind of mismatch by kind: another
-lamp, other water, daylight, broken detectors, shade, images of no lamp at all. The estimator
-assumes the scene. It should answer what its prior covers, with a true covariance, and refuse the
-rest; an answer off by more than six of its own standard deviations is false.
-docs/reference/mismatches.md has the kinds and what to do about each."""
-
-EPILOG = """\
-examples:
-  uuv_array study robustness                               every kind, in the default scene
-  uuv_array study robustness --method sam                  the paper's method
-  uuv_array study robustness --kinds k-0.05,power_x0.8     some kinds
-  uuv_array study robustness --scene night_plume --kinds nothing,moving
-Ctrl-C ends it early and reports the kinds it has."""
 
 FAR_M = 1.0
 # Logarithm of a likelihood ratio below which an image may be one of the scene itself: of its own

@@ -1,4 +1,17 @@
-"""``uuv_array study tradeoff``: measure what accuracy costs in time, by method and table."""
+"""``uuv_array study tradeoff``: measure what accuracy costs in time, by method and table.
+
+Measure error and time per frame of every method (sam, sam_interpolated, least_squares, and the
+published look-up and moments) on arrays of 3, 5, 7 and 21 detectors a side, planar and curved, with
+tables of 1e3 to 1e7 poses. Errors are of random poses 4 to 8 m behind the lamp, +-0.9 m and
++-20 deg; times are from an image to its pose. The results, with the time to build each table, go
+into a CSV file and a picture in the output folder. A stopped run goes on where it was. See
+docs/results/tradeoff.md.
+
+  uuv_array study tradeoff                   some settings of the reference scene
+  uuv_array study tradeoff --full            all of them
+  uuv_array study tradeoff --scene sea.yaml  your own scene, into sea.tradeoff/
+Ctrl-C ends it early and draws the settings that are measured.
+"""
 
 import argparse
 import dataclasses
@@ -19,21 +32,6 @@ from uuv_optical_array.studies.shared import tradeoff_measurement as measured
 from uuv_optical_array.studies.shared.pareto import STEP, pareto_front
 from uuv_optical_array.studies.shared.results import Results
 from uuv_optical_array.studies.shared.tradeoff_measurement import Measurement, Mode, plan
-
-DESCRIPTION = """\
-Measure error and time per frame of every method (sam, sam_interpolated, least_squares, and the
-published look-up and moments) on arrays of 3, 5, 7 and 21 detectors a side, planar and curved, with
-tables of 1e3 to 1e7 poses. Errors are of random poses 4 to 8 m behind the lamp, +-0.9 m and
-+-20 deg; times are from an image to its pose. The results, with the time to build each table, go
-into a CSV file and a picture in the output folder. A stopped run goes on where it was. See
-docs/results/tradeoff.md."""
-
-EPILOG = """\
-examples:
-  uuv_array study tradeoff                   some settings of the reference scene
-  uuv_array study tradeoff --full            all of them
-  uuv_array study tradeoff --scene sea.yaml  your own scene, into sea.tradeoff/
-Ctrl-C ends it early and draws the settings that are measured."""
 
 QUICK_LEAVES_OUT = (
     "left out but for --full: tables of 1e7 poses, of 1e6 but on the scene's own array, of 1e3 and "

@@ -1,4 +1,17 @@
-"""``uuv_array study transport``: compare the law of the sea, and poses by it, with photons."""
+"""``uuv_array study transport``: compare the law of the sea, and poses by it, with photons.
+
+Hold the scenes' law of the sea to photons: light that was followed through the water scattering by
+scattering, which knows nothing of the law. Images of clear, coastal and harbour water (Petzold
+1972) and of lamps of 4, 8 and 16 deg are compared with the law, with the true coefficients of the
+water and with fitted ones. Then poses are estimated from photon images by the default scene, by the
+ready scene of that water, and by a scene that was calibrated on a drive through it. The photons are
+in config/flux/; benchmarks/trace_photons.py traced them.
+
+  uuv_array study transport                       the law, poses, and a picture of the beam
+  uuv_array study transport --poses 1000 --json   one JSON object
+  uuv_array study transport --output beam.svg     the picture where you want it
+Ctrl-C ends it early and reports the poses it has.
+"""
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
@@ -23,21 +36,6 @@ from uuv_optical_array.studies import photon_transport as photons
 from uuv_optical_array.studies.photon_transport import WATERS, Lamp, PhotonSea, shipped_pencil
 from uuv_optical_array.studies.shared.errors import errors_of
 from uuv_optical_array.studies.shared.results import until_interrupted
-
-DESCRIPTION = """\
-Hold the scenes' law of the sea to photons: light that was followed through the water scattering by
-scattering, which knows nothing of the law. Images of clear, coastal and harbour water (Petzold
-1972) and of lamps of 4, 8 and 16 deg are compared with the law, with the true coefficients of the
-water and with fitted ones. Then poses are estimated from photon images by the default scene, by the
-ready scene of that water, and by a scene that was calibrated on a drive through it. The photons are
-in config/flux/; benchmarks/trace_photons.py traced them."""
-
-EPILOG = """\
-examples:
-  uuv_array study transport                       the law, poses, and a picture of the beam
-  uuv_array study transport --poses 1000 --json   one JSON object
-  uuv_array study transport --output beam.svg     the picture where you want it
-Ctrl-C ends it early and reports the poses it has."""
 
 POSES = 300
 BRIGHTEST = 1000.0  # of the images that the law is compared with, counts

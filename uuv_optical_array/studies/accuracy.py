@@ -30,12 +30,12 @@ import numpy as np
 from numpy.random import Generator
 from scipy.special import gammaincinv
 
-from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.signature_table import BLOCK_POSES, Progress
+from uuv_optical_array.estimation.signature_table import BLOCK_POSES
 from uuv_optical_array.forward.aim import apparent
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.lamps import ring_of_lamps, spread_and_tilt
@@ -68,11 +68,7 @@ CLOUD, EXPECTED = FrameLight(1.0, UNEVEN_DEPTH), 0.5  # and the share that the e
 
 
 def measure(
-    estimator: Estimator,
-    poses: Array,
-    images: Array,
-    progress: Progress = iter,
-    truth: Scene | None = None,
+    estimator: Estimator, poses: Array, images: Array, truth: Scene | None = None
 ) -> dict[str, Any]:
     """Return the `figures` of images at true poses ``(n, 5)``, m and rad, by a believed scene.
 
@@ -80,7 +76,7 @@ def measure(
     frames it has. A ValueError says that no frame got a pose.
     """
     model = ForwardModel(truth or estimator.scene)
-    bounds, frames = _bounds(model, poses), errors_of(estimator, model, poses, images, progress)
+    bounds, frames = _bounds(model, poses), errors_of(estimator, model, poses, images)
     count = len(frames.errors)
     if not frames.posed.any():
         raise ValueError(f"scene {estimator.scene.name}: none of {count} frames got a pose")
@@ -149,10 +145,7 @@ def exposed(
 
 
 def compare(
-    cases: Iterable[tuple[dict[str, Any], Scene, Scene]],
-    poses: Array,
-    seed: int,
-    progress: Progress = iter,
+    cases: Iterable[tuple[dict[str, Any], Scene, Scene]], poses: Array, seed: int
 ) -> Iterator[dict[str, Any]]:
     """Yield the `figures` of each case in a sea that is drawn from its prior, with its name.
 
@@ -163,7 +156,7 @@ def compare(
         noise = np.random.default_rng((seed, 2))
         images = exposed(ForwardModel(truth), poses, seed, True, False, noise)
         estimator = Estimator(believed, "least_squares").wait()
-        result = measure(estimator, poses, images, progress, truth)
+        result = measure(estimator, poses, images, truth)
         yield {**name, **result}
         if result["poses"] < len(poses):
             raise KeyboardInterrupt
@@ -393,7 +386,7 @@ def run(args: argparse.Namespace) -> int:
     result: dict[str, Any]
     if compared:
         cases = by_known(scene) if args.known else by_lamps(scene)
-        rows, complete = until_interrupted(compare(cases, poses, seed, progress.over))
+        rows, complete = until_interrupted(compare(cases, poses, seed))
         result = {"poses": count, compared: rows, "picture": str(picture)}
         about_it = f"scene {scene.name}, {count} poses"
         if args.known:
@@ -406,7 +399,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         estimator = Estimator(scene, args.method).wait()
         images = exposed(model, poses, seed, args.drawn, args.moving, rng)
-        result = measure(estimator, poses, images, progress.over)
+        result = measure(estimator, poses, images)
         text, complete = report(result), result["poses"] == count
     about: dict[str, Any] = {"scene": scene.name, "shape": scene.array.shape}
     about |= {key: getattr(args, key) for key in ("method", "seed", "drawn", "moving")}

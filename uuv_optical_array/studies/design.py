@@ -27,7 +27,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.scene import save_scene, scene_from_settings
@@ -323,7 +323,7 @@ def run(args: argparse.Namespace) -> int:
     if scored := study.swept(results):
         print(f"{csv}: {len(scored)} designs are there already", file=told)
     try:
-        study.score_rest(results, lambda rounds: progress.over(rounds, "design"))
+        study.score_rest(results)
     except KeyboardInterrupt:
         if not study.swept(results):
             raise

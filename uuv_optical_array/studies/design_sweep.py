@@ -17,11 +17,11 @@ from typing import Annotated, Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from uuv_optical_array.cli import progress
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, Setting, check, declared
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
-from uuv_optical_array.estimation.signature_table import Progress
 from uuv_optical_array.forward import working_volume as volume
 from uuv_optical_array.forward.array import ArraySettings, Shape
 from uuv_optical_array.forward.lamps import ring_of_lamps, spread_and_tilt, together
@@ -391,15 +391,15 @@ class DesignStudy:
             "seed": SEED,
         }
 
-    def score_rest(self, results: Results[ScoredDesign], progress: Progress = iter) -> None:
+    def score_rest(self, results: Results[ScoredDesign]) -> None:
         """Score the designs that have no score yet; after Ctrl-C those scored so far are kept."""
         before = {row.design for row in results.lines}
         left = [design for design in self.sweep.designs() if design not in before]
         poses = volume.uniform_poses(self.poses, np.random.default_rng([SEED, 0]))
         scored: list[ScoredDesign] = []
         try:
-            for i in progress(range(len(left))):
-                scene = designed(self.scene, left[i], self.power, self.mount)
+            for design in progress.over(left, "design"):
+                scene = designed(self.scene, design, self.power, self.mount)
                 scored.append(score(scene, poses, np.random.default_rng([SEED, 1])))
         finally:
             if scored:

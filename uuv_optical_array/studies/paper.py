@@ -15,10 +15,10 @@ Ctrl-C ends it early and reports what is complete. docs/results/paper.md explain
 
 import argparse
 import dataclasses
-import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeAlias, get_args
 
 import numpy as np
@@ -55,6 +55,7 @@ MOTIONS: tuple[Motion, ...] = get_args(Motion)
 STEPS: dict[Motion, Array] = {"shift": np.arange(31) * 3 / 100, "yaw": np.arange(31) / 1}
 FAR, NEAR = STEPS["shift"][STEPS["shift"] > 0.6], STEPS["shift"][STEPS["shift"] <= 0.6]
 SIDES = (3, 5, 7, 9, 11, 15, 21, 51, 101)  # the paper says 3 to 101
+BEAMS_DEG = 3.0, 4.0, 5.0, 6.0, 8.0  # of other lamps
 SIGNS = {"is": "", "above": "> ", "below": "< "}
 
 # Spectral angles of moves, once scene and choice are fixed.
@@ -103,7 +104,7 @@ def _of(angles: Angles, at: Conditions, step: float) -> float:
 def _at(figure: str, at: Conditions, step: float, relation: str, paper: float) -> Statement:
     move = f"{at.motion} {step:g} {UNITS[at.motion]}"
     text = f"{at.shape} {at.side} x {at.side}, {at.range_m:g} m, {move}"
-    ours = functools.partial(_of, at=at, step=step)
+    ours = partial(_of, at=at, step=step)
     return Statement(figure, text, at.as_object(step), relation, ours, paper)
 
 
@@ -172,24 +173,28 @@ def alternatives(rng: np.random.Generator) -> list[Choice]:
     """Return the reconstruction, and choices that differ from it in one thing each."""
     return [
         RECONSTRUCTION,
-        *(Choice(f"beam sigma {deg:g} deg", _beam(deg)) for deg in (3.0, 4.0, 5.0, 6.0, 8.0)),
-        *(Choice(f"attenuation {k:g} /m", _with(attenuation={"k_per_m": k})) for k in (0.05, 0.2)),
-        Choice("no blur", _with(forward_scatter=None)),
-        *(Choice(f"blur {m:g} m wide", _with(forward_scatter={"window_m": m})) for m in (0.1, 0.4)),
+        *(Choice(f"beam sigma {deg:g} deg", partial(_beam, sigma_deg=deg)) for deg in BEAMS_DEG),
+        *(Choice(f"attenuation {k:g} /m", partial(_with, attenuation={"k_per_m": k}))
+          for k in (0.05, 0.2)),
+        Choice("no blur", partial(_with, forward_scatter=None)),
+        *(Choice(f"blur {m:g} m wide", partial(_with, forward_scatter={"window_m": m}))
+          for m in (0.1, 0.4)),
         Choice("blur of 11 detectors always", _blur_of_11_detectors),
         Choice("blur, dark beyond the border", images=_dark_border),
         Choice("peak between detectors",
                signature=lambda images, top, _: paper_signature(images, top, "subdetector")),
-        Choice("column, row from 0", signature=_placed(lambda c, n: (c + (n + 1) / 2) / n - 1 / n)),
-        Choice("column, row from the centre", signature=_placed(lambda c, n: c / n)),
-        Choice("the same, per half width", signature=_placed(lambda c, n: c * (2 / (n - 1)))),
+        Choice("column, row from 0",
+               signature=partial(_placed, place=lambda c, n: (c + (n + 1) / 2) / n - 1 / n)),
+        Choice("column, row from the centre", signature=partial(_placed, place=lambda c, n: c / n)),
+        Choice("the same, per half width",
+               signature=partial(_placed, place=lambda c, n: c * (2 / (n - 1)))),
         Choice("peak over full scale",
                signature=lambda images, _, it: scene_signature(images, it.full_scale_counts, it)),
         Choice("sample skewness", signature=_sample_skewness),
         Choice("skewness of differences", signature=_differences),
         Choice("moves to port", poses=lambda poses, scene: poses * [1, -1, 1, 1, -1]),
         Choice("yaw about the array", poses=_about_array),
-        Choice("10 bits", _with(**TEN_BITS), images=ForwardModel.expose),
+        Choice("10 bits", partial(_with, **TEN_BITS), images=ForwardModel.expose),
         noisy(rng),
     ]  # fmt: skip
 
@@ -203,40 +208,33 @@ def noisy(rng: np.random.Generator, draws: int = 25) -> Choice:
     def read(model: ForwardModel, poses: Array) -> Array:
         return model.expose(np.broadcast_to(poses, (draws, *poses.shape)), rng)
 
-    change = _with(**TEN_BITS | {"sensor_noise": {"sigma_counts": 1.0}})
+    change = partial(_with, **TEN_BITS | {"sensor_noise": {"sigma_counts": 1.0}})
     return Choice("10 bits, noise of 1 count", change, images=read)
 
 
-def _beam(sigma_deg: float) -> Callable[[Scene], Scene]:
-    def change(scene: Scene) -> Scene:
-        lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=sigma_deg)
-        return dataclasses.replace(scene, lamp=lamp)
-
-    return change
+def _beam(scene: Scene, sigma_deg: float) -> Scene:
+    lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=sigma_deg)
+    return dataclasses.replace(scene, lamp=lamp)
 
 
-def _with(**changed: dict[str, Any] | None) -> Callable[[Scene], Scene]:
+def _with(scene: Scene, **changed: dict[str, Any] | None) -> Scene:
     """Change effects, or leave out those that are None."""
-
-    def change(scene: Scene) -> Scene:
-        effects = {**scene.effects, **changed}
-        kept = {name: values for name, values in effects.items() if values is not None}
-        return dataclasses.replace(scene, effects=check_effects(kept))
-
-    return change
+    effects = {**scene.effects, **changed}.items()
+    kept = {name: values for name, values in effects if values is not None}
+    return dataclasses.replace(scene, effects=check_effects(kept))
 
 
 def _blur_of_11_detectors(scene: Scene) -> Scene:
     spacing_m = scene.array.width_m / (scene.array.detectors_per_side - 1)
     # The first and the last of the 11 samples are zero.
-    return _with(forward_scatter={"window_m": 10 * spacing_m})(scene)
+    return _with(scene, forward_scatter={"window_m": 10 * spacing_m})
 
 
 def _dark_border(model: ForwardModel, poses: Array) -> Array:
     """Blur without mirroring: beyond the outermost detectors there is no light."""
     if not (blur := model.scene.effects.get("forward_scatter")):
         return model.expected(poses)
-    bare = ForwardModel(_with(forward_scatter=None)(model.scene))
+    bare = ForwardModel(_with(model.scene, forward_scatter=None))
     bare.power = model.power
     side = model.array.side
     # The middle of a blur three times as wide meets no mirror.
@@ -252,15 +250,13 @@ def _about_array(poses: Array, scene: Scene) -> Array:
     return poses + np.pad(moved, ((0, 0), (0, 2)))
 
 
-def _placed(place: Callable[[Array, int], Array]) -> Callable[[Array, float, Scene], Array]:
-    """Return a signature whose column and row are found from those off the centre, of n."""
-
-    def signature(images: Array, on_axis_counts: float, scene: Scene) -> Array:
-        vectors = key_parameters(images, on_axis_counts, scene.signature.peak)
-        vectors[..., 1:3] = place(vectors[..., 1:3], images.shape[-1])
-        return vectors
-
-    return signature
+def _placed(
+    images: Array, on_axis_counts: float, scene: Scene, place: Callable[[Array, int], Array]
+) -> Array:
+    """Find column and row from those off the centre, of n."""
+    vectors = key_parameters(images, on_axis_counts, scene.signature.peak)
+    vectors[..., 1:3] = place(vectors[..., 1:3], images.shape[-1])
+    return vectors
 
 
 def _sample_skewness(images: Array, on_axis_counts: float, scene: Scene) -> Array:
@@ -310,7 +306,7 @@ def reproduce(
     rng, curves = np.random.default_rng(seed), panels()
     figures: dict[str, Any] = {panel: {"points": [], "curves": []} for panel in curves}
     result |= {"complete": False, "figures": figures, "sizes": [], "choices": []}
-    angles = functools.partial(angles_deg, scene)
+    angles = partial(angles_deg, scene)
     for statement in progress(STATEMENTS, "point"):
         figures[statement.figure]["points"].append(statement.row(statement.ours(angles)))
     for side in progress(SIDES, "size"):
@@ -319,17 +315,14 @@ def reproduce(
         steps = STEPS[at.motion]
         curve = {**at.as_object(steps), "angle_deg": angles(at, steps)}
         figures[panel]["curves"].append(curve)
-    names = [f"{statement.figure} {statement.text}" for statement in STATEMENTS]
     for choice in progress(alternatives(rng), "choice"):
-        chosen = functools.partial(angles_deg, scene, choice=choice)
-        points = {name: s.ours(chosen) for name, s in zip(names, STATEMENTS, strict=True)}
+        chosen = partial(angles_deg, scene, choice=choice)
+        points = {f"{s.figure} {s.text}": s.ours(chosen) for s in STATEMENTS}
         pairs = list(zip(STATEMENTS, points.values(), strict=True))
         off = [ours - s.paper for s, ours in pairs if s.relation == "is" and s.paper is not None]
-        met, rms_deg = (
-            sum(s.met(ours) is True for s, ours in pairs),
-            np.sqrt(np.mean(np.square(off))),
-        )
-        row = {"choice": choice.text, "ours_deg": points, "met": met, "rms_deg": float(rms_deg)}
+        row: dict[str, Any] = {"choice": choice.text, "ours_deg": points}
+        row["met"] = sum(s.met(ours) is True for s, ours in pairs)
+        row["rms_deg"] = float(np.sqrt(np.mean(np.square(off))))
         result["choices"].append(row)
     result["complete"] = True
 

@@ -14,14 +14,13 @@ Ctrl-C ends it early and reports the kinds it has.
 """
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import Array, Z
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import columns, plain
@@ -108,22 +107,18 @@ def log_ratio(
 
 
 def measure(
-    estimator: Estimator,
-    kinds: Sequence[Kind],
-    count: int,
-    seed: int,
-    progress: Callable[..., Iterable[int]] = lambda frames, what: frames,
+    estimator: Estimator, kinds: Sequence[Kind], count: int, seed: int
 ) -> Iterator[dict[str, Any]]:
-    """Yield the `figures` of `count` frames of each kind; Ctrl-C after the last one, of fewer.
+    """Yield the `figures` of `count` frames of each kind, which share poses and noise.
 
-    Kinds share poses and noise; `progress` gets the name of one as ``what``.
+    Ctrl-C is raised after the last kind, of fewer frames.
     """
     model = ForwardModel(estimator.scene)
     for kind in kinds:
         poses = lit_poses(model, count, np.random.default_rng(seed), kind.draw)
         light = kind.light(model, poses, np.random.default_rng((seed, 1)))
         images = model.read(light, np.random.default_rng((seed, 2)))
-        frames = errors_of(estimator, model, poses, images, partial(progress, what=kind.name))
+        frames = errors_of(estimator, model, poses, images, kind.name)
         done = len(frames.errors)
         answered = poses[:done] + frames.errors
         ratio = log_ratio(model, answered, frames.covariances, images[:done], light[:done])
@@ -208,7 +203,7 @@ def run(args: argparse.Namespace) -> int:
     with options.checking_options():
         kinds = kinds_named(args.kinds, scene)
     estimator = Estimator(scene, args.method).wait()
-    rows, complete = until_interrupted(measure(estimator, kinds, count, seed, progress.over))
+    rows, complete = until_interrupted(measure(estimator, kinds, count, seed))
     about = f"{args.method} in scene {scene.name}, {count} poses a kind, seed {seed}"
     save(draw(rows, about), output)
     result = {"scene": scene.name, "method": args.method, "seed": seed, "poses": count}

@@ -14,8 +14,7 @@ Ctrl-C ends it early and reports the poses it has.
 """
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -105,7 +104,7 @@ def poses_by(
     ranges_m: tuple[float, float],
     count: int,
     seed: int,
-    over: Callable[..., Any] = iter,
+    what: str = "",
 ) -> dict[str, Any]:
     """Return figures of poses from photon images; of fewer after Ctrl-C."""
     rng, poses = np.random.default_rng(seed), np.empty((0, 5))
@@ -114,13 +113,11 @@ def poses_by(
         lit = truth.light(drawn).max(axis=(1, 2)) > MIN_PEAK_COUNTS
         poses = np.concatenate([poses, drawn[lit]])[:count]
     images = truth.model.read(truth.light(poses), rng)
-    frames = errors_of(estimator, truth.model, poses, images, over)
+    frames = errors_of(estimator, truth.model, poses, images, what)
     return plain({"frames": len(frames.errors), **frames.summary()})
 
 
-def measure_poses(
-    count: int, seed: int, progress: Callable[..., Any] = lambda frames, what: frames
-) -> Iterator[dict[str, Any]]:
+def measure_poses(count: int, seed: int) -> Iterator[dict[str, Any]]:
     """Yield figures of each water by the default, the ready and the calibrated scene.
 
     Ctrl-C is raised after the last ones, of fewer poses.
@@ -141,9 +138,8 @@ def measure_poses(
             if scene is None:
                 yield {**row, "refusal": refusal}
                 continue
-            over = partial(progress, what=f"{water}, {label}")
             estimator = Estimator(scene, "least_squares").wait()
-            figures = poses_by(estimator, seen, ranges_m, count, seed, over)
+            figures = poses_by(estimator, seen, ranges_m, count, seed, f"{water}, {label}")
             yield {**row, "refusal": "", **figures}
             if figures["frames"] < count:
                 raise KeyboardInterrupt
@@ -241,7 +237,7 @@ def run(args: argparse.Namespace) -> int:
     save(draw(), output)
     compared = uniform_poses(count, np.random.default_rng(seed))
     law = [law_beside(*case, compared) for case in progress.over(CASES, unit="case")]
-    poses, complete = until_interrupted(measure_poses(count, seed, progress.over))
+    poses, complete = until_interrupted(measure_poses(count, seed))
     result: dict[str, Any] = {"seed": seed, "complete": complete, "picture": str(output)}
     text = f"{report_law(law)}\n\n{report_poses(poses)}\n\npicture: {output}"
     result |= {"law": law, "poses": poses}

@@ -10,11 +10,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from uuv_optical_array.cli import progress
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature.features import scene_parameters
-from uuv_optical_array.estimation.signature_table import Progress
 from uuv_optical_array.forward.model import ForwardModel
 
 # From an image to a pose and its covariance, nan where it has none; raises `NoPose`.
@@ -115,15 +115,11 @@ def answer_of(estimator: Estimator) -> Answer:
 
 
 def errors_of(
-    estimator: Estimator,
-    yardstick: ForwardModel,
-    poses: Array,
-    images: Array,
-    progress: Progress = iter,
+    estimator: Estimator, yardstick: ForwardModel, poses: Array, images: Array, what: str = ""
 ) -> FrameErrors:
-    """Return the `frame_errors` of one estimator."""
-    answers = {"": answer_of(estimator)}
-    return frame_errors(answers, yardstick, poses, images, progress)[""]
+    """Return the `frame_errors` of one estimator, with progress in the name of `what`."""
+    rounds = progress.over(range(len(poses)), what=what)
+    return frame_errors({"": answer_of(estimator)}, yardstick, poses, images, rounds)[""]
 
 
 def frame_errors(
@@ -131,13 +127,14 @@ def frame_errors(
     yardstick: ForwardModel,
     poses: Array,
     images: Array,
-    progress: Progress = iter,
+    rounds: Iterable[int] | None = None,
 ) -> dict[str, FrameErrors]:
     """Estimate frame after frame by each method, which take turns, so that load is shared evenly.
 
-    `images` are counts, ``(n, side, side)``, at true `poses`, m and rad, ``(n, 5)``. The time of
-    the `yardstick` is taken between frames, to tell how fast the machine is just then. Ctrl-C ends
-    it with the frames that every method has answered; before the first it is raised.
+    `images` are counts, ``(n, side, side)``, at true `poses`, m and rad, ``(n, 5)``; `rounds` count
+    them, and may show progress. The time of the `yardstick` is taken between frames, to tell how
+    fast the machine is just then. Ctrl-C ends it with the frames that every method has answered;
+    before the first it is raised.
     """
     count, names = len(poses), list(answers)
     errors = np.full((len(names), count, 5), np.nan)
@@ -148,7 +145,7 @@ def frame_errors(
         for answer in answers.values():  # the first call is slower
             with suppress(NoPose):
                 answer(images[0])
-        for i in progress(range(count)):
+        for i in rounds or range(count):
             # So that a busy machine is as busy for each of them.
             for j in np.roll(range(len(names)), -i):
                 began = time.perf_counter()

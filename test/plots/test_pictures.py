@@ -12,7 +12,7 @@ from labels import assert_apart, number_boxes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from measured import row
+from measured import ALL_METHODS, row
 
 from uuv_optical_array.commands import render
 from uuv_optical_array.control.follow_record import FollowRecord
@@ -21,7 +21,6 @@ from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots import follow, style
 from uuv_optical_array.studies import tradeoff
 from uuv_optical_array.studies.approach import METHODS
-from uuv_optical_array.studies.shared.tradeoff_measurement import ALL_METHODS
 
 DOCS = Path(__file__).parents[2] / "docs"
 

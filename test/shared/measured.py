@@ -1,6 +1,8 @@
 """A measurement of the trade-off made by hand."""
 
-from uuv_optical_array.studies.shared.tradeoff_measurement import Measurement
+from uuv_optical_array.studies.tradeoff import METHODS, PUBLISHED, Measurement
+
+ALL_METHODS = (*PUBLISHED, *METHODS)
 
 
 def row(method="sam", side=5, rows=1024, position=0.5, angle=5.0, ms=1.0, lost=0.0, **others):

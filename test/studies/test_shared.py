@@ -18,9 +18,8 @@ from uuv_optical_array.studies.shared.errors import (
     position_and_angle,
     range_across_angle,
 )
-from uuv_optical_array.studies.shared.pareto import pareto_front
 from uuv_optical_array.studies.shared.results import Results, read
-from uuv_optical_array.studies.shared.tradeoff_measurement import Measurement
+from uuv_optical_array.studies.tradeoff import Measurement, pareto_front
 
 ORIGIN = {"scene": "sea", "fingerprint": "f" * 64, "machine": "a, b: 2 cores"}
 ORIGIN |= {"mode": "quick", "frames": 7, "seed": 1}

@@ -11,7 +11,7 @@ import command_line
 import numpy as np
 import pytest
 from command_line import assert_picture
-from measured import row
+from measured import ALL_METHODS, row
 
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
@@ -21,17 +21,17 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import HIGH, LOW, lit_poses, volume_spread
 from uuv_optical_array.studies import tradeoff
-from uuv_optical_array.studies.shared import tradeoff_measurement
-from uuv_optical_array.studies.shared.tradeoff_measurement import (
-    ALL_METHODS,
+from uuv_optical_array.studies.tradeoff import (
     FRAMES,
     PUBLISHED,
     SHAPES,
     Group,
+    at_one_speed,
+    fronts,
     measure,
+    numbered,
     plan,
 )
-from uuv_optical_array.studies.tradeoff import at_one_speed, fronts, numbered
 
 GROUPS = [
     Group("curved", 3, 3, METHODS),
@@ -162,7 +162,7 @@ def counted(monkeypatch, stop_after=None):
         groups.append(group)
         return measure(scene, group, *others)
 
-    monkeypatch.setattr(tradeoff_measurement, "measure", measured)
+    monkeypatch.setattr(tradeoff, "measure", measured)
     return groups
 
 

@@ -9,6 +9,7 @@ from contextlib import suppress
 from uuv_optical_array import __version__
 from uuv_optical_array.cli import options
 from uuv_optical_array.commands import (
+    advise,
     budget,
     calibrate,
     commission,
@@ -21,7 +22,6 @@ from uuv_optical_array.commands import (
 )
 from uuv_optical_array.studies import (
     accuracy,
-    advise,
     approach,
     design,
     drives,

@@ -35,8 +35,7 @@ from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_sprea
 from uuv_optical_array.plots import style
 from uuv_optical_array.studies import design_sweep
 from uuv_optical_array.studies.design_sweep import PAPER, Design, DesignStudy, ScoredDesign
-from uuv_optical_array.studies.shared.pareto import STEP
-from uuv_optical_array.studies.shared.results import Results
+from uuv_optical_array.studies.shared.results import STEP, Results
 from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
 
 CLEAR_SIGMAS = 3.0

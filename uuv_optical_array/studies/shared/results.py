@@ -12,6 +12,8 @@ from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.formats import csv_text
 
 T = TypeVar("T")
+# Costs that differ by less than 10 % count as equal: that is noise, or not worth a decision.
+STEP = 1.1
 
 
 def until_interrupted(results: Iterable[T]) -> tuple[list[T], bool]:

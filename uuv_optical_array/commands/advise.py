@@ -36,10 +36,10 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import PriorSettings
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION, lit_poses
-from uuv_optical_array.studies.shared import tradeoff_measurement as measured
+from uuv_optical_array.studies import tradeoff
 from uuv_optical_array.studies.shared.errors import position_and_angle
 from uuv_optical_array.studies.shared.results import Results, read
-from uuv_optical_array.studies.shared.tradeoff_measurement import Group, Measurement
+from uuv_optical_array.studies.tradeoff import SETTINGS_CSV, Group, Measurement
 
 POSITION_M, ANGLE_DEG = float(SPECIFICATION[X]), float(SPECIFICATION[YAW])
 BOUNDED = 200  # poses whose bound is shown
@@ -69,7 +69,7 @@ class Need:
     def limits(self) -> dict[str, float]:
         """The largest allowed value of each column of a `Measurement`."""
         off = {"position_m": self.position_m, "angle_deg": self.angle_deg}
-        return {**off, "p99_ms": 1e3 / self.rate_hz, "without_pose": measured.MOST_WITHOUT_POSE}
+        return {**off, "p99_ms": 1e3 / self.rate_hz, "without_pose": tradeoff.MOST_WITHOUT_POSE}
 
     def shares(self, row: Measurement) -> dict[str, float]:
         """Return each measured value as a share of its limit; nan counts as infinite."""
@@ -155,7 +155,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def _measured(scene: Scene, folder: Path) -> tuple[Path, Any, list[Measurement], bool]:
     """Return file, frames and lines of this scene and machine, and whether all are there."""
-    path, here = folder / measured.SETTINGS_CSV, measured.origin_of(scene, "quick")
+    path, here = folder / SETTINGS_CSV, tradeoff.origin_of(scene, "quick")
     there, rows = read(path, Measurement)
     if there and all(there.get(name) == here[name] for name in ("fingerprint", "machine")):
         return path, there["frames"], rows, True
@@ -163,10 +163,8 @@ def _measured(scene: Scene, folder: Path) -> tuple[Path, Any, list[Measurement],
         print(f"{path} is of another scene or machine, so it is not used", file=sys.stderr)
     machine = "".join(letter if letter.isalnum() else "-" for letter in here["machine"])
     name = f"{scene.name}-{scene.fingerprint[:16]}-{machine}"
-    results = Results(
-        files.cache_dir() / "tradeoff" / name / measured.SETTINGS_CSV, Measurement, here
-    )
-    complete = measured.measure_missing(scene, measured.plan(scene, "quick"), results)
+    results = Results(files.cache_dir() / "tradeoff" / name / SETTINGS_CSV, Measurement, here)
+    complete = tradeoff.measure_missing(scene, tradeoff.plan(scene, "quick"), results)
     return results.path, here["frames"], results.lines, complete
 
 

@@ -12,12 +12,12 @@ import pytest
 import yaml
 from command_line import json_of
 
+from uuv_optical_array.commands.advise import Need, advise, calibrating
 from uuv_optical_array.forward.prior import PriorSettings
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.advise import Need, advise, calibrating
-from uuv_optical_array.studies.shared import tradeoff_measurement
+from uuv_optical_array.studies import tradeoff
 from uuv_optical_array.studies.shared.results import Results
-from uuv_optical_array.studies.shared.tradeoff_measurement import Measurement, origin_of
+from uuv_optical_array.studies.tradeoff import Measurement, origin_of
 
 NEED = Need(rate_hz=10.0, position_m=0.2, angle_deg=10.0)
 
@@ -140,7 +140,7 @@ def test_measurements_of_elsewhere_are_not_used(field, scene, tmp_path, capsys, 
         stopped.append((frames, seed))
         return [row(side=11, shape="planar")]
 
-    monkeypatch.setattr(tradeoff_measurement, "measure", measure)
+    monkeypatch.setattr(tradeoff, "measure", measure)
     run("--output", tmp_path, "--json", code=130)
     out, err = capsys.readouterr()
     result = json.loads(out)

@@ -12,22 +12,14 @@ from uuv_optical_array.core.geometry import Array
 
 @dataclass(frozen=True)
 class Agreement:
-    """Residuals of m images of n readings, and their statistics.
+    """Residuals of m images of n readings, and their statistics."""
 
-    - residuals: in standard deviations, shape ``(m, n)``.
-    - variance: of the readings, counts^2, shape ``(m, n)``.
-    - uncensored: readings that are used and far from both limits, shape ``(m, n)``.
-    - misfit: mean squared residual of these, 1 where the model explains the images.
-    - freedoms: degrees of freedom of these: readings less what was fitted to them, 0 or more.
-    - side: of the array; an image of several lamps has several times as many readings.
-    """
-
-    residuals: Array
-    variance: Array
-    uncensored: NDArray[np.bool_]
-    misfit: float
-    freedoms: int
-    side: int
+    residuals: Array  # in standard deviations, (m, n)
+    variance: Array  # of the readings, counts^2, (m, n)
+    uncensored: NDArray[np.bool_]  # readings that are used and far from both limits, (m, n)
+    misfit: float  # mean squared residual of these, 1 where the model explains the images
+    freedoms: int  # degrees of freedom of these: readings less what was fitted to them, >= 0
+    side: int  # of the array; an image of several lamps has several times as many readings
 
     def inflation(self) -> float:
         """Return the mean square of the images' mean residuals and tilts; 1 if independent.

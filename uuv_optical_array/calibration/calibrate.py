@@ -48,53 +48,38 @@ DARK, LEAST_LIT = 5.0, 0.01  # standard deviations of a dark reading; share of a
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """One fitted number, with name and unit of the scene, before and after.
-
-    The standard error includes the effect of parameters that are held though unknown, and is nan
-    where the value itself was held. The note says why it was, or what it is correlated with.
-    """
+    """One fitted number, with name and unit of the scene, before and after."""
 
     name: str
     unit: str
     start: float
     value: float
-    std: float
-    note: str = ""
+    std: float  # with the effect of what is held though unknown; nan where this one was held
+    note: str = ""  # why it was held, or what it is correlated with
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """The result of a calibration.
+    """The result of a calibration of m images of n readings."""
 
-    - scene: the starting scene with the fitted values, and their standard errors in its prior.
-    - parameters: what `parameters.Layout` names and the scene has; the reference reading, which
-      follows from them; the noise, where it was fitted.
-    - gains, gain_std: geometric mean 1, shape ``(side, side)``; the standard error is nan where one
-      was held.
-    - correlation: of the parameters before the reference reading; nan where one was held.
-    - mean, residuals: of every reading, counts and standard deviations, shape ``(m, n)``.
-    - used: readings that were fitted, shape ``(m, n)``; the others are outliers or faulty.
-    - uncensored: used readings that are far from both limits, shape ``(m, n)``.
-    - misfit: mean squared residual of these, 1 where the model explains the data; where it exceeds
-      `notes.MISFIT`, the standard errors are multiplied by its root.
-    - outliers, outlying_images: how many single readings, and which images, were left out.
-    - notes, refusal: what a user should know, and why the scene is not to be used; empty: it is.
-    """
-
-    scene: Scene
+    scene: Scene  # the starting scene with the fitted values, and their errors in its prior
+    # What `parameters.Layout` names and the scene has; the reference reading, which follows from
+    # them; the noise, where it was fitted.
     parameters: tuple[FittedParameter, ...]
-    gains: Array
-    gain_std: Array
-    correlation: Array
-    mean: Array
-    residuals: Array
-    used: NDArray[np.bool_]
-    uncensored: NDArray[np.bool_]
+    gains: Array  # geometric mean 1, (side, side)
+    gain_std: Array  # nan where one was held, (side, side)
+    correlation: Array  # of the parameters before the reference reading; nan where one was held
+    mean: Array  # of every reading, counts, (m, n)
+    residuals: Array  # of every reading, standard deviations, (m, n)
+    used: NDArray[np.bool_]  # readings that were fitted: no outliers, not faulty, (m, n)
+    uncensored: NDArray[np.bool_]  # used readings that are far from both limits, (m, n)
+    # Mean squared residual of these, 1 where the model explains the data; where it exceeds
+    # `notes.MISFIT`, the standard errors are multiplied by its root.
     misfit: float
-    outliers: int
-    outlying_images: tuple[int, ...]
-    notes: tuple[str, ...]
-    refusal: str
+    outliers: int  # single readings that were left out
+    outlying_images: tuple[int, ...]  # that were left out
+    notes: tuple[str, ...]  # what a user should know
+    refusal: str  # why the scene is not to be used; empty: it is
 
 
 def calibrate(

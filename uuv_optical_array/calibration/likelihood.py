@@ -35,27 +35,17 @@ class Unknowns(NamedTuple):
 
 
 class CalibrationState(NamedTuple):
-    """The likelihood at some unknowns, and what a step from there needs.
+    """The likelihood at some unknowns, and what a step from there needs."""
 
-    - cost: negative log-likelihood, with the log-prior of the shifts, without constants.
-    - at: the unknowns.
-    - gradient, information: of the log-likelihood by the parameters, shifts eliminated, shapes
-      ``(p,)``, ``(p, p)``.
-    - mean, variance: of every reading, counts and counts^2, shape ``(m, n)``.
-    - shift_step, shift_by_parameters: step of the shifts at fixed parameters, and its slope by
-      them, shapes ``(k, s)`` and ``(k, s, p)``; empty where poses are exact.
-    - shift_decrement: how much `shift_step` lowers the cost, to second order.
-    """
-
-    cost: float
+    cost: float  # negative log-likelihood, with the log-prior of the shifts, without constants
     at: Unknowns
-    gradient: Array
-    information: Array
-    mean: Array
-    variance: Array
-    shift_step: Array
-    shift_by_parameters: Array
-    shift_decrement: float
+    gradient: Array  # of the log-likelihood by the parameters, shifts eliminated, (p,)
+    information: Array  # likewise, (p, p)
+    mean: Array  # of every reading, counts, (m, n)
+    variance: Array  # of every reading, counts^2, (m, n)
+    shift_step: Array  # of the shifts at fixed parameters, (k, s); empty where poses are exact
+    shift_by_parameters: Array  # its slope by them, (k, s, p)
+    shift_decrement: float  # how much `shift_step` lowers the cost, to second order
 
 
 class CalibrationLikelihood:

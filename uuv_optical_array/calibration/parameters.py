@@ -45,21 +45,16 @@ NOISE = "sensor_noise.sigma_counts"  # fitted to the residuals on request
 
 
 class Kind(NamedTuple):
-    """What holds for parameters of a kind.
-
-    - low, high: bounds, of a logarithm if it is one.
-    - largest: standard error beyond which one counts as undetermined: a water type, a tape, or a
-      look at the array in the dark, tells as much. Of the background relative to full scale.
-    - prior: the key of the prior for their standard error; empty: by the scene's water.
-    - cure: what to record so that one is determined; empty: that depends on what was recorded.
-    """
+    """What holds for parameters of a kind."""
 
     unit: str
-    low: float
+    low: float  # bounds, of a logarithm if it is one
     high: float
+    # Standard error beyond which one counts as undetermined: a water type, a tape, or a look at the
+    # array in the dark, tells as much. Of the background relative to full scale.
     largest: float
-    prior: str
-    cure: str = ""
+    prior: str  # key of the prior for their standard error; empty: by the scene's water
+    cure: str = ""  # what to record to determine one; empty: it depends on the record
     logarithm: bool = False
 
 

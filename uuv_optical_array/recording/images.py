@@ -39,22 +39,15 @@ class Topics:
 
 @dataclass(frozen=True)
 class Recording:
-    """Images of a bag in the order of their stamps.
+    """Images of a bag in the order of their stamps."""
 
-    - images: counts, shape ``(m, side, side)``.
-    - poses, rolls: of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``; nan
-      where not known.
-    - stamps_ns: of the images, ns, shape ``(m,)``.
-    - refused: number of messages that were left out, by topic and reason.
-    - commands: to the follower, by ascending stamp: ns, and linear and angular velocity in its own
-      frame, m/s and rad/s, shape ``(3,)`` each.
-    """
-
-    images: Array
-    poses: Array
-    rolls: Array
-    stamps_ns: NDArray[np.int64]
-    refused: Counter[str] = field(default_factory=Counter)
+    images: Array  # counts, (m, side, side)
+    poses: Array  # of the follower in ``beacon``, m and rad, (m, 5); nan where not known
+    rolls: Array  # likewise, (m,)
+    stamps_ns: NDArray[np.int64]  # of the images, (m,)
+    refused: Counter[str] = field(default_factory=Counter)  # messages, by topic and reason
+    # To the follower, by ascending stamp: ns, and linear and angular velocity in its own frame, m/s
+    # and rad/s, (3,) each.
     commands: list[tuple[int, Array, Array]] = field(default_factory=list)
 
     @property
@@ -134,14 +127,12 @@ def read_recording(
     Both odometries are interpolated at the image's stamp, and never extrapolated. Invalid messages
     are left out and counted.
 
-    - path: folder of a rosbag2, or one of its ``.mcap`` or ``.db3`` files.
+    - path: as of `opened`.
     - array: the array that every image must be of.
-    - topics: of images, odometries and, if there are any, commands.
     - beacon_position_m: the lamp in the leader's ``base_link``, m.
     - axes: of both odometries, see `odometry_pose`.
     - max_gap_s: longest gap in an odometry that is interpolated, s.
-    - progress: wraps the messages, to show progress.
-    - lamps: how many lamps it reads.
+    - lamps: how many it reads.
     - poses_needed: whether images without a known pose are left out; otherwise odometries may be
       missing.
     - ValueError: for a bag that cannot be read, a topic that is missing or of another type,

@@ -15,21 +15,16 @@ WINDOW_S = 60.0  # that the charts show
 
 @dataclass(frozen=True)
 class Sight:
-    """One instant, by its time since the start; ``None``: not known.
+    """One instant; ``None``: not known."""
 
-    Poses are those of the follower in ``beacon``, m and rad, true and as estimated; the note says
-    why there is none, or what is wrong. The leader is the lamp's position and rotation matrix in
-    the world; the station is the follower's commanded position in ``beacon``.
-    """
-
-    t_s: float
+    t_s: float  # since the start
     image: Array | None = None
-    true_pose: Array | None = None
-    pose: Array | None = None
+    true_pose: Array | None = None  # of the follower in ``beacon``, m and rad
+    pose: Array | None = None  # as estimated
     covariance: Array | None = None
-    note: str = ""
-    leader: tuple[Array, Array] | None = None
-    station_m: Place | None = None
+    note: str = ""  # why there is no pose, or what is wrong
+    leader: tuple[Array, Array] | None = None  # the lamp's position and rotation in the world
+    station_m: Place | None = None  # the follower's commanded position in ``beacon``
 
     def stds(self) -> Array:
         """Return the standard deviations of the estimate, m and deg, nan without one, ``(5,)``."""

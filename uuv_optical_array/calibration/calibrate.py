@@ -12,17 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp, softmax
 
+from uuv_optical_array.calibration import notes
 from uuv_optical_array.calibration.fit import CalibrationFit
 from uuv_optical_array.calibration.likelihood import POSE, CalibrationLikelihood
-from uuv_optical_array.calibration.notes import (
-    HARDLY,
-    LITTLE,
-    MISFIT,
-    advice,
-    little_told,
-    notes_of,
-    refusal,
-)
 from uuv_optical_array.calibration.parameters import (
     AIMS,
     BACKGROUND,
@@ -153,7 +145,7 @@ def calibrate(
     if "gains" in hold:
         known += range(layout.gains, len(layout.kinds))
     fit = CalibrationFit(likelihood, known, on_step)
-    reason = refusal(fit, fit_noise)
+    reason = notes.refusal(fit, fit_noise)
     if reason or not fit_noise:
         return _result(scene, fit, (), reason)
     start = sigma = float(scene.effects["sensor_noise"]["sigma_counts"])
@@ -174,9 +166,9 @@ def _result(
     likelihood, held = fit.likelihood, fit.held()
     layout, first = likelihood.layout, likelihood.layout.gains
     if POWER in fit.unknown and not reason:
-        raise ValueError(f"images: {advice(fit, POWER)}")
+        raise ValueError(f"images: {notes.advice(fit, POWER)}")
     agreement = fit.agreement
-    covariance = fit.covariance(agreement.misfit if agreement.misfit > MISFIT else 1.0)
+    covariance = fit.covariance(agreement.misfit if agreement.misfit > notes.MISFIT else 1.0)
     values, covariance = _as_a_whole(layout, fit.state.at.parameters, fit.start, covariance)
     std = np.sqrt(np.diag(covariance))
     std[list(held)] = np.nan
@@ -186,10 +178,10 @@ def _result(
         errors[LAMP_AIM] = np.sqrt(np.diag(covariance)[LAMP_AIM])
     names = layout.names
     together = {i: f"only together with {names[j]}" for i, j in fit.correlated.items() if j < first}
-    little = [i for i in likelihood.taped.tolist() if std[i] > LITTLE * likelihood.tape_std_m]
-    notes = {
+    little = [i for i in likelihood.taped.tolist() if std[i] > notes.LITTLE * likelihood.tape_std_m]
+    said = {
         **together,
-        **dict.fromkeys(little, HARDLY),
+        **dict.fromkeys(little, notes.HARDLY),
         **dict.fromkeys(fit.at_bound, "at its bound"),
         **dict.fromkeys(fit.unknown, "not known"),
         **dict.fromkeys(fit.known, "held"),
@@ -198,7 +190,7 @@ def _result(
     reference_error = reference * float(np.sqrt(slope @ covariance @ slope))
     parameters = [
         FittedParameter(
-            name, unit, float(start[i]), float(fitted[i]), float(errors[i]), notes.get(i, "")
+            name, unit, float(start[i]), float(fitted[i]), float(errors[i]), said.get(i, "")
         )
         for i, (name, unit) in enumerate(zip(names, layout.units, strict=True))
         if i not in layout.lacking
@@ -222,7 +214,7 @@ def _result(
         misfit=agreement.misfit,
         outliers=int(outliers.sum()),
         outlying_images=fit.outlying_images,
-        notes=(*notes_of(scene, fit), *little_told(fit, little)),
+        notes=(*notes.notes_of(scene, fit), *notes.little_told(fit, little)),
         refusal=reason,
     )
 

@@ -12,15 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.control.trajectory import MAX_GAP_S, TooEarly, Trajectory
+from uuv_optical_array.core import messages
 from uuv_optical_array.core.geometry import Array, relative_pose
-from uuv_optical_array.core.messages import (
-    Readout,
-    Refused,
-    image_from_message,
-    odometry_pose,
-    stamp_ns,
-    twist_from_message,
-)
+from uuv_optical_array.core.messages import Readout, Refused
 from uuv_optical_array.recording.bag import IMAGE, ODOMETRY, TWIST, opened
 
 Axes: TypeAlias = Literal["flu", "frd"]
@@ -65,7 +59,7 @@ class _Stream:
     frames: set[str] = field(default_factory=set)
 
     def add(self, header: Any, value: Any) -> None:
-        stamp = stamp_ns(header)
+        stamp = messages.stamp_ns(header)
         if self.samples and stamp < self.samples[-1][0] - CLOCK_RESET_NS:
             raise ValueError(
                 f"{self.topic}: stamps go back from {self.samples[-1][0] * 1e-9:.3f} to "
@@ -166,11 +160,11 @@ def read_recording(
             message = reader.deserialize(data, connection.msgtype)
             try:
                 if connection.msgtype == IMAGE:
-                    value: Any = image_from_message(message, array, lamps)
+                    value: Any = messages.image_from_message(message, array, lamps)
                 elif connection.msgtype == TWIST:
-                    value = twist_from_message(message)
+                    value = messages.twist_from_message(message)
                 else:
-                    value = odometry_pose(message, axes)
+                    value = messages.odometry_pose(message, axes)
             except Refused as reason:
                 # Counted by kind: the values of odometries and commands differ.
                 text = str(reason)

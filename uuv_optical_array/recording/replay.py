@@ -84,15 +84,11 @@ def _do(i: int) -> Answer:
     return _work[0](i)
 
 
-def _cores() -> int:
-    """Return how many cores this process may use; not every system limits them."""
-    allowed = getattr(os, "sched_getaffinity", lambda process: range(os.cpu_count() or 1))
-    return len(allowed(0))
-
-
 def _spread(work: Work, count: int, processes: int | None) -> Iterator[Answer]:
     """Yield the answer to each of `count` images, in order, from several processes if it pays."""
-    processes = min(processes or _cores(), math.ceil(count / CHUNK_FRAMES))
+    # Not every system says which cores this process may use.
+    cores = len(getattr(os, "sched_getaffinity", lambda process: range(os.cpu_count() or 1))(0))
+    processes = min(processes or cores, math.ceil(count / CHUNK_FRAMES))
     if processes <= 1:
         yield from map(work, range(count))
         return

@@ -383,13 +383,8 @@ class DesignStudy:
     @property
     def origin(self) -> dict[str, Any]:
         """What its scores depend on beside the design."""
-        how = {name: vars(self)[name] for name in HOW}
-        return {
-            "scene": self.scene.name,
-            "fingerprint": self.scene.fingerprint,
-            **how,
-            "seed": SEED,
-        }
+        about = {"scene": self.scene.name, "fingerprint": self.scene.fingerprint}
+        return about | {name: vars(self)[name] for name in HOW} | {"seed": SEED}
 
     def score_rest(self, results: Results[ScoredDesign]) -> None:
         """Score the designs that have no score yet; after Ctrl-C those scored so far are kept."""

@@ -37,10 +37,7 @@ class Agreement:
         )
 
     def pattern(self) -> float:
-        """Return the mean square of the detectors' mean residuals; 1 if independent.
-
-        It is below 1 where the gain of a detector was fitted.
-        """
+        """Return the mean square of detectors' mean residuals; 1 if independent, less if fitted."""
         ones = np.ones((1, len(self.uncensored)))
         return _over_independent(self.residuals.T, self.uncensored.T, ones, self.misfit)
 
@@ -70,10 +67,7 @@ class Agreement:
 def _over_independent(
     residuals: Array, uncensored: NDArray[np.bool_], modes: Array, misfit: float
 ) -> float:
-    """Return the mean squared sum of each row weighted by modes, over that of independent ones.
-
-    The modes have shape ``(k, n)``.
-    """
+    """Return the mean square of rows weighted by modes ``(k, n)``, relative to independent ones."""
     expected = uncensored @ (modes**2).T
     lit = expected > 0
     if not lit.any():

@@ -238,10 +238,7 @@ def _as_a_whole(
 
 
 def _reference(scene: Scene, fit: CalibrationFit, values: Array) -> tuple[float, Array]:
-    """Return the reference reading, and the slope of its logarithm by the parameters.
-
-    It is that of one lamp with the power of all.
-    """
+    """Return the reading of one lamp with the power of all, and its logarithm's slope, ``(p,)``."""
     likelihood, first = fit.likelihood, fit.likelihood.layout.gains
     aligned = np.array([[-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0]])
     dark = np.zeros((1, *[scene.array.detectors_per_side] * 2))

@@ -168,10 +168,7 @@ class CalibrationFit:
         return misfit * own + shifts @ shifts.T
 
     def _undetermined(self, misfit: float = 1.0, keep: Collection[int] = ()) -> frozenset[int]:
-        """Return what the images do not determine, and note what correlates with it.
-
-        What is to `keep` counts as such.
-        """
+        """Return what the images do not determine, or is to `keep`; note what correlates."""
         unknown, self.correlated = undetermined(
             self._layout, self.state.information, self._given(), misfit, keep
         )

@@ -14,10 +14,7 @@ MAX_GAIN_SHIFT = 0.005
 
 
 def covariance(layout: Layout, information: Array, held: Collection[int]) -> Array:
-    """Return the inverse of Fisher's information of the parameters that are not held, ``(p, p)``.
-
-    It is 0 where held and huge where undetermined.
-    """
+    """Return the inverse information, ``(p, p)``: 0 where held, huge where undetermined."""
     basis = layout.free_directions(held)
     reduced = basis.T @ information @ basis
     if not len(reduced):
@@ -85,16 +82,14 @@ def undetermined(
 
 
 def _shifted_too_far(layout: Layout, shifts: Array, unknown: Collection[int]) -> dict[int, int]:
-    """Return the parameters that held ones shift too far, and by which one the most.
-
-    The power may be shifted: something has to absorb what the others leave.
-    """
+    """Return the parameters that held ones shift too far, and by which one the most."""
     if not unknown:
         return {}
     size = np.sqrt((shifts**2).sum(axis=1))
     size[sorted(unknown)] = 0.0
     causes = np.array(sorted(unknown))[np.abs(shifts).argmax(axis=1)].tolist()
     first = layout.gains
+    # The power may be shifted: something has to absorb what the others leave.
     over = [i for i in range(SIGMA, first) if size[i] > layout.largest[i]]
     if size[first:].max() > MAX_GAIN_SHIFT:
         over += range(first, len(size))

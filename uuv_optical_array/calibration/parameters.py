@@ -125,10 +125,7 @@ class Layout:
         self.largest[BACKGROUND] *= scene.full_scale_counts
 
     def free_directions(self, held: Collection[int]) -> Array:
-        """Return orthogonal directions of the parameters that keep the gauge, as columns.
-
-        Parameters that are `held` do not move; gains and shares that do keep their geometric mean.
-        """
+        """Return orthogonal directions of what is not `held`, as columns, which keep the gauge."""
         free = np.setdiff1d(np.arange(len(self.kinds)), list(held))
         bound = [free[self.kinds[free] == kind] for kind in (SHARE, GAINS)]
         columns = [np.eye(len(self.kinds))[:, np.setdiff1d(free, np.concatenate(bound))]]

@@ -43,10 +43,7 @@ def finish(
     complete: bool = True,
     missing: str = "",
 ) -> int:
-    """Print a result, as JSON where the options say so, and return the exit code.
-
-    Where Ctrl-C left it incomplete, the text says what is missing.
-    """
+    """Print a result, as JSON or as text and what Ctrl-C left `missing`; return the exit code."""
     print(json_text(result) if args.json else text)
     if not complete and not args.json:
         print(f"interrupted: {missing}")

@@ -44,10 +44,7 @@ class _Progress(tqdm):  # type: ignore[misc]  # tqdm has no types
 
 
 def counter(total: float | None, unit: str, what: str = "") -> Any:
-    """Return a display of progress: a context with ``update(n)`` and ``set_description(text)``.
-
-    The number of rounds may be ``None``: not known.
-    """
+    """Return a display of progress, a context with ``update(n)``; a `total` of None is unknown."""
     terminal = sys.stderr.isatty()
     form = "{desc}{n:.0f} {unit} [{elapsed}]"
     if total is not None:
@@ -61,10 +58,7 @@ def counter(total: float | None, unit: str, what: str = "") -> Any:
 def over(
     rounds: Iterable[T], unit: str = "frame", total: int | None = None, what: str = ""
 ) -> Iterator[T]:
-    """Go through rounds of a named work and show progress.
-
-    Their number is their length unless it is given.
-    """
+    """Go through rounds of a named work, as many as their length or `total`, and show progress."""
     if total is None and isinstance(rounds, Sized):
         total = len(rounds)
     with counter(total, unit, what=what) as bar:

@@ -178,10 +178,7 @@ class Clouded(Scene):
 
 
 def by_lamps(scene: Scene) -> Iterator[tuple[dict[str, Any], Scene, Scene]]:
-    """Yield a scene with each of `NUMBERS` of lamps in each of `SEAS`, as cases of `compare`.
-
-    Lamps are as far from the centre and as much tilted as those of the scene.
-    """
+    """Yield a scene with each of `NUMBERS` of lamps in each of `SEAS`, as cases of `compare`."""
     spread_m, tilt_deg = spread_and_tilt(scene.lamps)
     for lamps in NUMBERS:
         places = ring_of_lamps(lamps=lamps, spread_m=spread_m, tilt_deg=tilt_deg)
@@ -197,10 +194,7 @@ def by_lamps(scene: Scene) -> Iterator[tuple[dict[str, Any], Scene, Scene]]:
 
 
 def costs(scene: Scene, poses: Array) -> dict[str, dict[str, float]]:
-    """Return the RMS bound of a scene, and what it is where one more setting is known, m and deg.
-
-    Settings are keys of the prior; poses have shape ``(n, 5)``, m and rad.
-    """
+    """Return the RMS bound at poses, m and deg, and where one more key of the prior is known."""
 
     def bound(**known: Any) -> dict[str, float]:
         prior = dataclasses.replace(scene.prior, **known)

@@ -372,10 +372,7 @@ AXES: dict[Motion, str] = {"shift": "shift to starboard (m)", "yaw": "yaw (deg)"
 
 
 def draw(figures: Mapping[str, Any], scene_name: str) -> Any:
-    """Draw the three figures, panel by panel as in the paper, with the statements of its text.
-
-    `figures` are those of `reproduce`. Returns the picture.
-    """
+    """Draw the figures of `reproduce`, panel by panel, with the statements of the paper's text."""
     picture = new_figure(11.4, 12.4)
     upper, lower = picture.subfigures(2, 1, height_ratios=[1, 0.95])
     fourth, fifth = upper.subfigures(1, 2)

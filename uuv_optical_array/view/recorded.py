@@ -27,10 +27,7 @@ def sights_of(recording: Recording, estimator: Estimator) -> Iterator[Sight]:
 
 
 class Player:
-    """The position in a recording: time moves it on, and the time line moves it anywhere.
-
-    The times of the images ascend from 0.
-    """
+    """The place in a recording of times from 0 on: time moves it on, and the time line anywhere."""
 
     def __init__(self, times_s: list[float], clock: Callable[[], float] = time.monotonic) -> None:
         self._times, self._clock = times_s, clock

@@ -36,10 +36,7 @@ def _revolved(along: Array, radius: Array) -> Mesh:
 
 
 def body(half_m: float) -> dict[str, Mesh]:
-    """Return a hull that reaches `half_m` ahead and astern of ``base_link``, and a fin by its name.
-
-    The fin is upright, at the stern, and shows the roll.
-    """
+    """Return a hull, `half_m` ahead and astern of ``base_link``, and a fin upright at its stern."""
     radius_m, angle = 0.35 * half_m, np.linspace(-np.pi / 2, np.pi / 2, 12)
     along = np.sin(angle) * radius_m + np.sign(angle) * (half_m - radius_m)
     corners = np.array([[-1.0, 0, 0], [-0.4, 0, 0], [-0.75, 0, 0.85], [-1.0, 0, 0.85]])

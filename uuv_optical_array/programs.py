@@ -30,8 +30,8 @@ def _program(
     def program() -> None:
         os.environ.update(ENVIRONMENT | os.environ)
         usual = signal.getsignal(signal.SIGINT)
-        ours = usual if usual == signal.SIG_IGN else end  # a shell's background ignores it
-        signal.signal(signal.SIGINT, ours)
+        if usual != signal.SIG_IGN:  # a shell's background ignores it
+            signal.signal(signal.SIGINT, end)
         main = load(f"uuv_optical_array.{module}").main
         signal.signal(signal.SIGINT, usual)
         try:

@@ -57,11 +57,9 @@ def _axes(yaw: Array | float) -> Array:
 
 
 def _by_motion(poses: Array) -> Array:
-    """Return how slopes by a pose give those by a shift and a turn of the body, ``(m, 6, 6)``.
-
-    The last slope by a pose is that of a turn of all about the beacon's x, which does not change
-    the light of a lamp at its origin; that by a turn of the body about x follows.
-    """
+    """Return how slopes by a pose give those by a shift and a turn of the body, ``(m, 6, 6)``."""
+    # The last slope by a pose is that of a turn of all about the beacon's x, which does not change
+    # the light of a lamp at its origin; that by a turn of the body about x follows.
     _, y, z, _, yaw = poses.T
     slopes = np.zeros((len(poses), 6, 6))
     slopes[:, :3, :3] = np.eye(3)

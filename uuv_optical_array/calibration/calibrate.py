@@ -222,10 +222,7 @@ def _result(
 def _as_a_whole(
     layout: Layout, values: Array, start: Array, covariance: Array
 ) -> tuple[Array, Array]:
-    """Return values and covariance with the power of several lamps together, as scenes have it.
-
-    The aim, which their axes say, has the uncertainty of their mean.
-    """
+    """Return what scenes have: several lamps' power together, and their aim as the mean of axes."""
     shares, axes = layout.own[:, 0], layout.own[:, 4:]
     if not len(shares):
         return values, covariance

@@ -89,8 +89,7 @@ def reader(setting: Setting) -> Callable[[str], Any]:
         try:
             return check(Annotated[setting.kind, setting.quantity], value, "value")
         except ValueError as error:
-            reason = str(error).removeprefix("value: ")
-            raise argparse.ArgumentTypeError(reason) from None
+            raise argparse.ArgumentTypeError(str(error).removeprefix("value: ")) from None
 
     return read
 

@@ -10,37 +10,24 @@ T = TypeVar("T")
 EVERY_S = 10.0  # between two lines in a file
 
 
+class _Lines:
+    """Standard error as tqdm writes to it where that is a file: each state in a line, once."""
+
+    last = ""
+
+    def write(self, text: str) -> None:
+        if (line := text.strip()) not in ("", self.last):
+            print(line, file=sys.stderr, flush=True)
+            self.last = line
+
+    def flush(self) -> None:
+        pass
+
+
 class _Progress(tqdm):  # type: ignore[misc]  # tqdm has no types
-    """tqdm with the remaining time by the mean speed, in whole lines where it writes to a file."""
-
-    last_print_n: float
-    n: float
-    total: float | None
-
-    def __init__(self, terminal: bool, **options: Any) -> None:
-        self.terminal = terminal
-        super().__init__(smoothing=0, delay=0 if terminal else 1e-9, **options)
-        if not terminal:
-            self.last_print_t = 0.0  # the first round is due at once
-
     def update(self, n: float = 1) -> Any:
         """Count on; what rounding leaves beyond the end is dropped."""
         return super().update(n if self.total is None else min(n, self.total - self.n))
-
-    def display(self, msg: str | None = None, pos: int | None = None) -> None:
-        """Draw the bar, or write a line."""
-        if self.terminal:
-            super().display(msg, pos)
-        else:
-            print(self, file=sys.stderr, flush=True)
-
-    def close(self) -> None:
-        """End the bar, or write a last line unless the last one says the same."""
-        if self.terminal:
-            super().close()
-        elif self.n != self.last_print_n:
-            self.last_print_n = self.n
-            self.display()
 
 
 def counter(total: float | None, unit: str, what: str = "") -> Any:
@@ -50,9 +37,14 @@ def counter(total: float | None, unit: str, what: str = "") -> Any:
     if total is not None:
         bar = "{percentage:3.0f}%|{bar}| " if terminal else ""
         form = "{desc}" + bar + "{n:.0f}/{total:.0f} {unit} [{elapsed}<{remaining}]"
-    pace = {"mininterval": 0.1 if terminal else EVERY_S, "miniters": 1}
-    desc = f"{what}: " if what else None
-    return _Progress(terminal, desc=desc, total=total, unit=unit, bar_format=form, **pace)
+    how: dict[str, Any] = {"desc": f"{what}: " if what else None, "total": total, "unit": unit}
+    if not terminal:
+        how |= {"file": _Lines(), "mininterval": EVERY_S, "delay": 1e-9}
+    # The remaining time is by the mean speed.
+    display = _Progress(bar_format=form, smoothing=0, miniters=1, **how)
+    if not terminal:
+        display.last_print_t = 0.0  # the first round is due at once
+    return display
 
 
 def over(

@@ -99,7 +99,6 @@ def _images(row: dict[str, float], seconds: Array) -> list[int]:
         last = row.get("last_image", row["image"])
         return [i for i in range(len(seconds)) if row["image"] <= i <= last]
     if "until_s" in row:
-        inside = (seconds >= row["time_s"]) & (seconds <= row["until_s"])
-        return np.flatnonzero(inside).tolist()
+        return np.flatnonzero((seconds >= row["time_s"]) & (seconds <= row["until_s"])).tolist()
     away = np.abs(seconds - row["time_s"])
     return [int(away.argmin())] if away.min() <= NEAR_S else []

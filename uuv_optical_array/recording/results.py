@@ -70,8 +70,7 @@ def write_bag(path: Path, frames: Iterable[Answer]) -> None:
         for frame in frames:
             for topic, message in _messages(types.types, frame):
                 kind = message.__msgtype__
-                data = types.serialize_cdr(message, kind)
-                bag.write(topic, kind, frame.stamp_ns, bytes(data))
+                bag.write(topic, kind, frame.stamp_ns, bytes(types.serialize_cdr(message, kind)))
 
 
 def _messages(types: Any, frame: Answer) -> Iterator[tuple[str, Any]]:

@@ -78,10 +78,7 @@ def repair(path: Path, target: Path) -> None:
 
 
 def _repair_mcap(path: Path, target: Path) -> None:
-    """Write the messages in the order of their times, with an end and without a summary.
-
-    Of the last chunk the whole messages are written if it is not compressed.
-    """
+    """Write the messages in the order of their times, with an end and without a summary."""
     waiting: list[tuple[int, int, bytes]] = []  # a heap of time, position and record
     with path.open("rb") as source, target.open("wb") as output:
         output.write(source.read(len(MCAP_MAGIC)))

@@ -155,8 +155,7 @@ def compare(
     for name, truth, believed in cases:
         noise = np.random.default_rng((seed, 2))
         images = exposed(ForwardModel(truth), poses, seed, True, False, noise)
-        estimator = Estimator(believed, "least_squares").wait()
-        result = measure(estimator, poses, images, truth)
+        result = measure(Estimator(believed, "least_squares").wait(), poses, images, truth)
         yield {**name, **result}
         if result["poses"] < len(poses):
             raise KeyboardInterrupt
@@ -181,8 +180,7 @@ def by_lamps(scene: Scene) -> Iterator[tuple[dict[str, Any], Scene, Scene]]:
     """Yield a scene with each of `NUMBERS` of lamps in each of `SEAS`, as cases of `compare`."""
     spread_m, tilt_deg = spread_and_tilt(scene.lamps)
     for lamps in NUMBERS:
-        places = ring_of_lamps(lamps=lamps, spread_m=spread_m, tilt_deg=tilt_deg)
-        drawn = scene.with_lamps(places)
+        drawn = scene.with_lamps(ring_of_lamps(lamps=lamps, spread_m=spread_m, tilt_deg=tilt_deg))
         known = dataclasses.replace(drawn, prior=PriorSettings())
         shaded = dataclasses.replace(drawn.prior, gain_std=drawn.prior.gain_std_in(CLOUD))
         cloud = Clouded(**{**vars(drawn), "prior": shaded})

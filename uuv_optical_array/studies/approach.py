@@ -70,16 +70,13 @@ AIM = np.array([5, 5, 5, 1, 1])
 
 
 class Case(NamedTuple):
-    """A case: attenuation that estimators assume, true poses ``(FRAMES, 5)``, published errors.
+    """A case of the paper, whose errors are in m and deg, nan where it gives none."""
 
-    The mean at the end, and 95 % at the start and at the end, m and deg; nan where there is none.
-    """
-
-    k_per_m: float
-    path: Array
-    mean_end: Array
-    start_95: Array
-    end_95: Array
+    k_per_m: float  # attenuation that the estimators assume
+    path: Array  # true poses, (FRAMES, 5)
+    mean_end: Array  # the mean error at the end
+    start_95: Array  # 95 % of the errors at the start
+    end_95: Array  # and at the end
 
 
 def _path(start: tuple[float, float], pitch_deg: Array, yaw_deg: Array) -> Array:

@@ -313,8 +313,7 @@ def reproduce(
         result["sizes"].append(size_row(scene, side, noisy(rng)))
     for panel, at in progress([(name, at) for name in curves for at in curves[name]], "curve"):
         steps = STEPS[at.motion]
-        curve = {**at.as_object(steps), "angle_deg": angles(at, steps)}
-        figures[panel]["curves"].append(curve)
+        figures[panel]["curves"].append({**at.as_object(steps), "angle_deg": angles(at, steps)})
     for choice in progress(alternatives(rng), "choice"):
         chosen = partial(angles_deg, scene, choice=choice)
         points = {f"{s.figure} {s.text}": s.ours(chosen) for s in STATEMENTS}

@@ -60,11 +60,8 @@ FRAMES: dict[Mode, int] = {"quick": 300, "full": 1000}
 QUICK_LOOK_UP_SIDE = 7
 # A setting that leaves more frames than this without a pose has no fair error, and is no choice.
 MOST_WITHOUT_POSE = 0.01
-# Work as a number of rows of a table: the images of a calibration, a look-up, and a frame.
-OTHER_WORK = {
-    MOMENTS: published.SAMPLES * 435,
-    LOOK_UP: math.prod(span.number for span in vars(published.GRID).values()),
-}
+# Work as a number of rows of a table: a calibration, a look-up, and a frame.
+OTHER_WORK = {MOMENTS: 1e5, LOOK_UP: 1e6}
 FRAME_WORK = 300
 QUICK_LEAVES_OUT = (
     "left out but for --full: tables of 1e7 poses, of 1e6 but on the scene's own array, of 1e3 and "
@@ -91,7 +88,7 @@ class Group(NamedTuple):
         table = working_volume.volume_table(self.steps) if self.steps else scene.table
         return dataclasses.replace(scene, array=array, table=table)
 
-    def work(self, frames: int) -> int:
+    def work(self, frames: int) -> float:
         """Estimate how much work it is to measure so many frames."""
         own = OTHER_WORK.get(self.methods[0], self.steps**5)
         return own + frames * len(self.methods) * FRAME_WORK

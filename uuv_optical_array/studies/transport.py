@@ -223,8 +223,7 @@ def draw(beam_deg: float = 8.0) -> Any:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    poses = Quantity("poses in each water", "", 1, 1e6)
-    options.add_number(parser, "poses", poses, POSES)
+    options.add_number(parser, "poses", Quantity("poses in each water", "", 1, 1e6), POSES)
     options.add_seed(parser)
     options.add_json(parser)
     outputs.add_picture(parser, "transport.png")

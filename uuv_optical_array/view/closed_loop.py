@@ -102,8 +102,7 @@ class ClosedLoop:
         self.t_s += dt
         at, turn = self._leader.position, self._leader.rotation
         pose, roll = relative_pose(at, turn, self._follower.position, self._follower.rotation)
-        light = self._model.light(pose, roll, self._offsets, self.t_s)
-        image = self._model.read(light, self._rng)
+        image = self._model.read(self._model.light(pose, roll, self._offsets, self.t_s), self._rng)
         frame = self.frames.answer(round(self.t_s * 1e9), image)
         track = frame.track
         if track is not None:

@@ -306,8 +306,7 @@ class Page:
         if sight.leader is not None:
             self._follow_path("leader", place, LEADER)
             if sight.true_pose is not None:
-                at = place + attitude @ sight.true_pose[:3]
-                self._follow_path("follower", at, FOLLOWERS[0])
+                self._follow_path("follower", place + attitude @ sight.true_pose[:3], FOLLOWERS[0])
 
     def _show_pose(self, name: str, pose: Array | None, turn: Array) -> None:
         frame = self._frames[name]

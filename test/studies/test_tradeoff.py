@@ -11,6 +11,8 @@ import command_line
 import numpy as np
 import pytest
 from command_line import assert_picture
+from hypothesis import given
+from hypothesis import strategies as st
 from measured import ALL_METHODS, row
 
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
@@ -64,6 +66,34 @@ def test_settings_within_a_step_are_equal_and_the_simplest_is_on_the_front():
         row(side=3, position=0.500, ms=2.0),
     ]
     assert fronts(rows)["position"].tolist() == [False, False, True, False]
+
+
+# Steps of 10 % in time and in error, the last of which is worse than a guess; detectors; whether
+# frames are left without a pose.
+SETTINGS = st.tuples(
+    st.integers(0, 3), st.sampled_from([0, 1, 2, 30]), st.integers(2, 4), st.booleans()
+)
+
+
+@given(st.lists(SETTINGS, max_size=12))
+def test_a_front_is_what_its_definition_says(drawn):
+    """Of all with poses and better than a guess, what no other beats, nor equals more simply."""
+    rows = [
+        row(side=side, rows=i, models=1.1**time, position=0.1 * 1.1**error, lost=0.02 * lost)
+        for i, (time, error, side, lost) in enumerate(drawn)
+    ]
+    able = {
+        i: (time, error, (side, i))
+        for i, (time, error, side, lost) in enumerate(drawn)
+        if error < 30 and not lost
+    }
+
+    def beaten(mine, other):
+        no_worse = other[0] <= mine[0] and other[1] <= mine[1]
+        return no_worse and (other[:2] != mine[:2] or other[2] < mine[2])
+
+    wanted = {i for i, mine in able.items() if not any(beaten(mine, o) for o in able.values())}
+    assert set(fronts(rows)["position"].nonzero()[0].tolist()) == wanted
 
 
 def test_a_slow_spell_of_the_machine_moves_no_setting_off_the_front():

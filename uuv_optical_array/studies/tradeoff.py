@@ -260,18 +260,6 @@ def at_one_speed(rows: Sequence[Measurement]) -> list[Measurement]:
     return scaled
 
 
-def pareto_front(costs: ArrayLike) -> NDArray[np.bool_]:
-    """Find the Pareto-optimal points, shape ``(n,)``, among costs ``(n, k)``.
-
-    A point is dominated by one that costs no more in anything and less in something; equal points
-    do not dominate each other. A point with a nan or an infinity is never optimal.
-    """
-    costs = np.asarray(costs, dtype=float)
-    finite = np.isfinite(costs).all(axis=1)
-    no_more = (costs[:, None] <= costs).all(axis=2) & finite[:, None]
-    return finite & ~(no_more & ~no_more.T).any(axis=0)
-
-
 def fronts(rows: Sequence[Measurement]) -> dict[str, NDArray[np.bool_]]:
     """Find which rows are on each Pareto front, by ``position`` and ``angle``, shape ``(n,)``.
 
@@ -280,16 +268,16 @@ def fronts(rows: Sequence[Measurement]) -> dict[str, NDArray[np.bool_]]:
     that leaves frames without a pose is on no front. Time and error are rounded to steps of 10 %.
     Of settings that are then equal, only the one of least effort is on the front.
     """
-    on_front = {}
+    on_front: dict[str, NDArray[np.bool_]] = {}
     for name, (column, _, which) in ERRORS.items():
         costs = np.reshape([(row.models, getattr(row, column)) for row in rows], (-1, 2))
         costs[[row.without_pose > MOST_WITHOUT_POSE for row in rows]] = np.inf
-        steps = np.round(np.log(costs) / np.log(STEP))
-        steps[~(steps[:, 1] < np.round(np.log(volume_spread()[which]) / np.log(STEP)))] = np.inf
-        simplest: dict[tuple[float, ...], int] = {}
-        for i in sorted(pareto_front(steps).nonzero()[0], key=lambda i: rows[i].effort):
-            simplest.setdefault(tuple(steps[i]), i)
-        on_front[name] = np.isin(np.arange(len(rows)), list(simplest.values()))
+        steps = np.round(np.log(costs) / np.log(STEP)).tolist()
+        least = np.round(np.log(volume_spread()[which]) / np.log(STEP))
+        on_front[name] = np.zeros(len(rows), dtype=bool)
+        for i in sorted(range(len(rows)), key=lambda i: (steps[i], rows[i].effort)):
+            if steps[i][1] < least:  # of those that are as fast or faster
+                on_front[name][i], least = True, steps[i][1]
     return on_front
 
 

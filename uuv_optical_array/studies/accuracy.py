@@ -28,7 +28,7 @@ from typing import Any, get_args
 
 import numpy as np
 from numpy.random import Generator
-from scipy.special import gammaincinv
+from scipy.special import chdtri
 
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
@@ -92,9 +92,7 @@ def figures(frames: FrameErrors, bounds: Array) -> dict[str, Any]:
     """
     nees = frames.nees
     rms_bound = np.sqrt(np.mean(bounds[frames.posed] ** 2, axis=0))
-    # The quantile of chi-square(k) is twice that of the gamma distribution of shape k / 2.
-    tails = np.array([(1 - BAND) / 2, (1 + BAND) / 2])
-    band = 2 * gammaincinv(5 * len(nees) / 2, tails) / len(nees)
+    band = chdtri(5 * len(nees), np.array([1 + BAND, 1 - BAND]) / 2) / len(nees)
     median_ms, slow_ms = frames.frame_ms
     return {
         "poses": len(frames.errors),

@@ -12,13 +12,13 @@ from scipy.integrate import quad
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.commands.limits import aligned, reach
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.tolerances import tolerances
 from uuv_optical_array.forward.effects import electronics
 from uuv_optical_array.forward.link_budget import Instrument, scene_with
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.limits import aligned, reach
 
 FOLLOW = load_scene("follow")
 

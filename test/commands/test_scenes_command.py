@@ -8,13 +8,13 @@ import pytest
 from scenes import READY
 
 from uuv_optical_array.commands import scenes as command
+from uuv_optical_array.commands.limits import REACH_M, reach
 from uuv_optical_array.core.geometry import IN_DEGREES
 from uuv_optical_array.core.settings import declared
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import scene_file, sentence
-from uuv_optical_array.studies.limits import REACH_M, reach
 
 run = functools.partial(command_line.run, "scenes")
 

@@ -79,7 +79,7 @@ def test_the_modules_of_a_folder_import_one_way(folder):
 
 
 def test_a_study_imports_no_other():
-    assert {"accuracy", "drives", "limits", "paper"} <= STUDIES
+    assert {"accuracy", "drives", "paper"} <= STUDIES
     assert not STUDIES & {"shared", "mismatches", "docking_smoother"}
     for study, others in neighbours(MODULES, "studies.").items():
         assert not others & STUDIES, study

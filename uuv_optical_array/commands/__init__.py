@@ -5,38 +5,26 @@ import errno
 import os
 import sys
 from contextlib import suppress
+from importlib import import_module
 
 from uuv_optical_array import __version__
 from uuv_optical_array.cli import options
-from uuv_optical_array.commands import (
-    advise,
-    budget,
-    calibrate,
-    commission,
-    estimate,
-    follow,
-    render,
-    scenes,
-    table,
-    view,
-)
-from uuv_optical_array.studies import (
-    accuracy,
-    approach,
-    design,
-    drives,
-    limits,
-    paper,
-    robustness,
-    tradeoff,
-    transport,
-)
 
-COMMANDS = (
-    *(follow, view, scenes, render, limits, budget),
-    *(calibrate, commission, estimate, advise, table),
-)
-STUDIES = (accuracy, robustness, drives, transport, tradeoff, design, paper, approach)
+# In the order of the help; imported with this module, where Ctrl-C ends the process (`programs`).
+COMMANDS = {
+    name: import_module(f"uuv_optical_array.commands.{name}")
+    for name in (
+        *("follow", "view", "scenes", "render", "limits", "budget"),
+        *("calibrate", "commission", "estimate", "advise", "table"),
+    )
+}
+STUDIES = {
+    name: import_module(f"uuv_optical_array.studies.{name}")
+    for name in (
+        *("accuracy", "robustness", "drives", "transport"),
+        *("tradeoff", "design", "paper", "approach"),
+    )
+}
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -45,13 +33,13 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="uuv_array", description=description)
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for command in COMMANDS:
-        options.add_command(subparsers, command)
+    for module in COMMANDS.values():
+        options.add_command(subparsers, module)
     about = "measure accuracy, robustness, cost, designs and published results by simulation"
     description = "Measure by simulation what the array and the estimators can do."
     study = subparsers.add_parser("study", help=about, description=description)
     studies = study.add_subparsers(dest="study", required=True, metavar="STUDY")
-    for module in STUDIES:
+    for module in STUDIES.values():
         options.add_command(studies, module)
     return parser
 
@@ -63,7 +51,7 @@ def main(words: list[str] | None = None) -> None:
     that names what is not there included, and with 1 for what fails at run time.
     """
     words = sys.argv[1:] if words is None else words
-    if words and words[0] in {module.__name__.rpartition(".")[2] for module in STUDIES}:
+    if words and words[0] in STUDIES:
         print(f"uuv_array {words[0]}: it is called `uuv_array study {words[0]}`", file=sys.stderr)
         sys.exit(2)
     args = build_parser().parse_args(words)

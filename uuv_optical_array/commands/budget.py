@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.cli import options, outputs
+from uuv_optical_array.commands.limits import aligned, reach, within
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.yaml_text import text_of
@@ -33,7 +34,6 @@ from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION
 from uuv_optical_array.plots.style import new_figure, save
-from uuv_optical_array.studies.limits import aligned, reach, within
 
 RANGES_M = (1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0)
 DRAWN_M = np.geomspace(1.0, 20.0, 120)

@@ -23,6 +23,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from uuv_optical_array.cli import options
+from uuv_optical_array.commands.limits import REACH_M, reach
 from uuv_optical_array.core.settings import Setting, Span, declared, summary
 from uuv_optical_array.core.storage import files, yaml_text
 from uuv_optical_array.forward import scene_files
@@ -46,8 +47,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def figures(scene: Scene) -> list[str]:
     """Return the key figures of a scene, in lines."""
-    from uuv_optical_array.studies.limits import REACH_M, reach
-
     lamp, array, span = scene.lamp, scene.array, reach(scene)
     side, (_, k_per_m) = array.detectors_per_side, scene.attenuation
     water = f"K {k_per_m:.3g} /m"

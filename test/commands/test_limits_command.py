@@ -11,11 +11,11 @@ from labels import assert_apart
 from matplotlib.collections import QuadMesh
 from scenes import SHAPES, make_scene, std_m_deg
 
+from uuv_optical_array.commands import limits
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies import limits
 
 pytestmark = pytest.mark.filterwarnings("error")
 run = functools.partial(command_line.run, "limits")

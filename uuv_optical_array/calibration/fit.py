@@ -79,19 +79,10 @@ refine = minimiser(evaluate, propose, CONVERGED, MAX_STEPS)
 
 
 class CalibrationFit:
-    """The most probable parameters, and which of them the images determine.
-
-    - likelihood: of the images; its faulty detectors and used readings are updated.
-    - start, state: parameters of the scene, shape ``(p,)``; the fit, with Fisher's information.
-    - known, unknown: parameters that are held: those given, and those that the images do not
-      determine.
-    - correlated: parameters that are determined only while another, the value, is held.
-    - at_bound: parameters whose likelihood grows beyond a bound.
-    - dead, outlying_images: detectors whose reading never changes; images that are not used.
-    """
+    """The most probable parameters, and which of them the images determine."""
 
     agreement: Agreement
-    at_bound: frozenset[int]
+    at_bound: frozenset[int]  # parameters whose likelihood grows beyond a bound
 
     def __init__(
         self,
@@ -99,14 +90,16 @@ class CalibrationFit:
         known: Collection[int],
         on_step: Callable[[], object],
     ) -> None:
+        # Faulty detectors and used readings of the likelihood are updated.
         self.likelihood, self._on_step, self._layout = likelihood, on_step, likelihood.layout
         self.start = likelihood.start()
+        # Parameters that are held: those given, and those that the images do not determine.
         self.known, self.unknown = frozenset(known), frozenset[int]()
-        self.correlated: dict[int, int] = {}
-        self.outlying_images: tuple[int, ...] = ()
+        self.correlated: dict[int, int] = {}  # determined only while another, the value, is held
+        self.outlying_images: tuple[int, ...] = ()  # that are not used
         start = likelihood.unshifted(self.start)
         self.state = likelihood.evaluate(start, expected=True)
-        self.dead = self._exclude_dead_detectors()
+        self.dead = self._exclude_dead_detectors()  # whose reading never changes
         # From a lamp that starts far too dim or too bright nothing would seem to be determined.
         others = ~np.isin(self._layout.kinds, [POWER, SIGMA, BACKGROUND, SHARE])
         self.unknown = frozenset(np.flatnonzero(others).tolist()) - self._given()

@@ -51,9 +51,7 @@ class CalibrationState(NamedTuple):
 class CalibrationLikelihood:
     """The likelihood of m images of n readings, of as many detectors for each lamp.
 
-    - scene, images, poses, rolls, pose_std, places: as of `calibrate`, the last from 0 on.
-    - taped, tape_std_m: the parameters that are the places of several lamps, and how well these are
-      known without images: as a rig as bought, or as the scene says if that is worse.
+    Scene, images, poses, rolls, pose_std and places are as of `calibrate`, the last from 0 on.
     """
 
     def __init__(
@@ -103,6 +101,7 @@ class CalibrationLikelihood:
         self._of_model = self.start()[: self.layout.gains]
         self._of_model[POWER] = np.log(self.model.power)
         self.taped = self.layout.own[:, 1:4].ravel()
+        # How well these places of lamps are known without images: as a rig as bought, or worse.
         self.tape_std_m = max(scene.prior.lamps_place_std_m, BOUGHT["lamps_place_std_m"])
         self._of_model[BACKGROUND] = self.scene.effects["ambient"]["level_counts"]
         # Without the prior's spread of the gains, which are fitted, and without the pedestal.

@@ -89,22 +89,17 @@ HOLD_ORDER = (
 
 
 class Layout:
-    """The p parameters of a scene.
-
-    - kinds: of each, shape ``(p,)``; own: places of those of each of several lamps, ``(L, 6)``.
-    - gains: the place of the first gain.
-    - names, units: of those before the gains, dotted as in scenes.
-    - lacking: those that the scene does not have.
-    - logarithm, low, high, largest: of each as in `Kind`, shape ``(p,)``.
-    """
+    """The p parameters of a scene."""
 
     def __init__(self, scene: Scene) -> None:
         lamps, (water, _) = range(len(scene.lamps)), scene.attenuation
+        # Of those before the gains, dotted as in scenes.
         self.names = (
             *(LAMP_POWER, BEAM_SIGMA, water, SCATTERING, RESPONSE, RADIUS, *AIM_NAMES, AMBIENT),
             *(of_lamp(i, key) for i in lamps for key in (OWN_POWER, *OWN_GEOMETRY)),
         )
-        self.gains = len(self.names)
+        self.gains = len(self.names)  # the place of the first
+        # Places of those of each of several lamps, (L, 6).
         self.own = np.arange(BACKGROUND + 1, self.gains).reshape(-1, len(OWN))
         detectors = scene.array.detectors_per_side**2
         self.kinds = np.array([*range(SHARE), *OWN * len(lamps), *[GAINS] * detectors])
@@ -115,9 +110,11 @@ class Layout:
             **dict.fromkeys(LAMP_AIM, not lamps),
             BACKGROUND: "demodulation" not in scene.effects,
         }
+        # Those that the scene does not have.
         self.lacking = frozenset(i for i, there in has.items() if not there)
         kinds = [KINDS[kind] for kind in self.kinds]
         self.units = [kind.unit for kind in kinds[: self.gains]]
+        # Of each as in `Kind`, (p,).
         self.logarithm = np.array([kind.logarithm for kind in kinds])
         self.low, self.high, self.largest = np.array(
             [(kind.low, kind.high, kind.largest) for kind in kinds]

@@ -27,11 +27,8 @@ def with_places(recording: Recording, path: Path) -> tuple[Recording, Array, NDA
     With them come the standard deviations of the poses, m and rad, shape ``(m, 5)``, and the place
     of each image, its row of the table from 0 on, shape ``(m,)``.
 
-    The table is CSV. Its columns are ``image``, the number of an image from 0 on, or ``time_s``,
-    seconds after the first image; ``x_m``, ``y_m``, ``z_m``, ``pitch_deg`` and ``yaw_deg`` of
-    ``base_link`` in ``beacon``; ``x_std_m`` to ``yaw_std_deg``, how well each is known; and
-    perhaps ``last_image`` or ``until_s``, where all images of a row share the place and its error,
-    and ``roll_deg``. Lines that begin with # are comments.
+    The table is CSV, with the columns that the help of ``uuv_array calibrate`` explains. Lines that
+    begin with # are comments.
 
     ValueError, with the line, for a table that is none of this, and for a row without images or
     with those of another row; OSError for a file that cannot be opened.

@@ -34,11 +34,11 @@ def add_command(subparsers: Any, module: Any) -> None:
     Its docstring is a sentence after a colon, the description, and the examples, indented. The
     module has ``add_options(parser)`` and ``run(args)``, which returns the exit code.
     """
-    name, (title, _, text) = module.__name__.rpartition(".")[2], module.__doc__.partition("\n\n")
+    title, _, text = (module.__doc__ or "").partition("\n\n")  # python -OO drops it
     description, _, examples = text.partition("\n\n  ")
     words = {"description": description, "epilog": f"examples:\n  {examples.rstrip()}"}
     words["formatter_class"] = argparse.RawDescriptionHelpFormatter
-    about = title.partition(": ")[2].rstrip(".")
+    name, about = module.__name__.rpartition(".")[2], title.partition(": ")[2].rstrip(".")
     parser = subparsers.add_parser(name, help=about, **words)
     parser.set_defaults(run=module.run, prog=parser.prog)
     module.add_options(parser)

@@ -2,15 +2,13 @@
 
 import os
 import select
-import subprocess
 
 import numpy as np
 import pytest
 import yaml
 from bags import image_message, write_bag
 from builtin_interfaces.msg import Time
-from command_line import PROGRAM, run
-from conftest import PATIENCE_S
+from command_line import PROGRAM, begun, ended, run
 from nav_msgs.msg import Odometry
 from needs import rosbags
 from sensor_msgs.msg import Image, PointCloud2
@@ -79,9 +77,6 @@ def test_live_images_are_taken_until_both_sweeps_are_seen(lab, sent, tmp_path):
     images = lab.talk(Image, "bow/array/image")
     output = tmp_path / "sea.yaml"
     words = ("commission", "--topic", "bow/array/image", "-o", output)
-    process = subprocess.Popen(
-        [*PROGRAM, *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
     told, stamp = b"", sent[0][0] - 10**12
 
     def show(stamp, image):
@@ -97,16 +92,13 @@ def test_live_images_are_taken_until_both_sweeps_are_seen(lab, sent, tmp_path):
             told += os.read(process.stdout.fileno(), 4096)
         return b"sweep 1 of 2" in told
 
-    try:
+    with begun([*PROGRAM, *words]) as process:
         lab.until(background_is_measured, "the command to measure the background")
         for each in sent:
             show(*each)
             # The command takes sensor data, of which a burst would be lost.
             lab.executor.spin_once(timeout_sec=0.005)
-        out, error = process.communicate(timeout=PATIENCE_S)
-    finally:
-        process.kill()
-    assert process.returncode == 0, out + error
+        out, _ = ended(process)
     assert load_scene(output).array.wiring == WIRED
     assert "sweep 2 of 2" in out
 

@@ -4,13 +4,11 @@ import os
 import re
 import resource
 import socket
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import PROGRAM, run
-from conftest import PATIENCE_S
+from command_line import PROGRAM, begun, ended, run
 
 from uuv_optical_array.cli import outputs
 from uuv_optical_array.core.storage import files
@@ -171,25 +169,14 @@ def test_an_error_of_another_file_keeps_its_name(tmp_path):
 
 
 def test_an_answer_that_a_full_disk_does_not_take_is_one_line():
-    with open("/dev/full", "w") as full:
-        done = subprocess.run(
-            [*PROGRAM, "scenes", "effects"],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=PATIENCE_S,
-            check=False,
-        )
-    assert done.returncode == 1
-    assert done.stderr == f"uuv_array scenes: standard output: {os.strerror(28)}\n"
+    words = [*PROGRAM, "scenes", "effects"]
+    with open("/dev/full", "w") as full, begun(words, stdout=full) as process:
+        assert ended(process, 1)[1] == (f"uuv_array scenes: standard output: {os.strerror(28)}\n")
 
 
 @pytest.mark.parametrize("words", [("scenes", "schema"), ("scenes", "effects")], ids=" ".join)
 def test_a_reader_that_has_read_enough_is_no_error_to_tell(words):
     read, write = os.pipe()
     os.close(read)
-    with open(write, "w") as pipe:
-        done = subprocess.run(
-            [*PROGRAM, *words], stdout=pipe, stderr=subprocess.PIPE, timeout=PATIENCE_S, check=False
-        )
-    assert (done.returncode, done.stderr) == (1, b"")
+    with open(write, "w") as pipe, begun([*PROGRAM, *words], stdout=pipe) as process:
+        assert ended(process, 1)[1] == ""

@@ -5,12 +5,11 @@ import importlib.util
 import os
 import select
 import signal
-import subprocess
 import sys
 
 import numpy as np
 import pytest
-from command_line import python
+from command_line import begun, python
 from conftest import PATIENCE_S
 
 from uuv_optical_array.estimation import fit_compiler
@@ -180,19 +179,16 @@ def test_the_compiling_process_ends_with_the_program(tmp_path, scene_file, numbe
         assert select.select([ear], [], [], PATIENCE_S)[0], "no letter, and nobody has ended"
         return os.read(ear, 100)
 
-    with (tmp_path / "log").open("w") as log:
-        program = PROGRAM.format(fifo=str(fifo), scene=scene_file)
-        process = subprocess.Popen([sys.executable, "-c", program], stderr=log)
-    try:
+    program = PROGRAM.format(fifo=str(fifo), scene=scene_file)
+    # Not by a pipe: the compiler that is to end with the program has it open, too.
+    log, code = tmp_path / "log", 0 if number == signal.SIGINT else -number
+    words = [sys.executable, "-c", program]
+    with log.open("w") as file, begun(words, stdout=file, stderr=file) as process:
         letters = b""
         while set(letters) != set(b"cp"):
             letters += heard()
         process.send_signal(number)
-        code, errors = process.wait(PATIENCE_S), (tmp_path / "log").read_text()
-        assert code == (0 if number == signal.SIGINT else -number), errors
-        assert "Traceback" not in errors
+        assert process.wait(PATIENCE_S) == code, log.read_text()
+        assert "Traceback" not in log.read_text()
         assert heard() == b""
-    finally:
-        process.kill()
-        process.wait()
-        os.close(ear)
+    os.close(ear)

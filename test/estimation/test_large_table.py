@@ -4,14 +4,13 @@ import os
 import re
 import shutil
 import signal
-import subprocess
 import sys
 from unittest.mock import patch
 
 import numpy as np
 import pytest
 import yaml
-from conftest import PATIENCE_S
+from command_line import begun, ended, python
 
 from uuv_optical_array.estimation.large_table import build_large_table, load_table
 from uuv_optical_array.estimation.signature_table import build_table
@@ -95,8 +94,7 @@ large_table.build_large_table(
 def test_a_build_that_is_killed_leaves_whole_blocks_and_goes_on_with_the_others(finished, tmp_path):
     """It ends at the call that moves a block into its place."""
     path, settings = tmp_path / "t.zarr", yaml.safe_dump(scene_with().settings())
-    words = [sys.executable, "-c", CUT_OFF, str(path), settings]
-    assert subprocess.run(words, check=False, timeout=PATIENCE_S).returncode == 9
+    assert python(CUT_OFF, path, settings).returncode == 9
     there, whole = contents(path), contents(finished)
     blocks = [name for name in there if re.fullmatch(r"\d+\.0", name)]
     assert 1 <= len(blocks) < BLOCKS
@@ -115,16 +113,15 @@ def test_ctrl_c_stops_the_command_and_the_same_command_finishes(tmp_path):
     (tmp_path / "sea.yaml").write_text(yaml.safe_dump(settings))
     program = "from uuv_optical_array.programs import uuv_array; uuv_array()"
     words = [sys.executable, "-c", program, "table", "--scene", "sea.yaml"]
-    run = {"cwd": tmp_path, "text": True, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen([*words, "--workers", "1"], **run) as process:
+    with begun([*words, "--workers", "1"], cwd=tmp_path) as process:
         process.stderr.readline()  # the first block is there
         process.send_signal(signal.SIGINT)
-        out, error = process.communicate(timeout=PATIENCE_S)
-    assert (process.returncode, "Traceback" in error) == (130, False), error
+        out, _ = ended(process, 130)
     assert out == "interrupted: the same command goes on from what is in sea.zarr\n"
-    done = subprocess.run(words, check=True, timeout=PATIENCE_S, **run)
+    with begun(words, cwd=tmp_path) as process:
+        out, _ = ended(process)
     table = build_table(load_scene(str(tmp_path / "sea.yaml")))
-    assert f"sea.zarr: {len(table.poses)} signatures of {12**5} poses" in done.stdout
+    assert f"sea.zarr: {len(table.poses)} signatures of {12**5} poses" in out
     assert_equal_tables(load_table(tmp_path / "sea.zarr", table.scene), table)
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from command_line import begun, ended
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from hypothesis import given
 from hypothesis import strategies as st
@@ -182,32 +183,22 @@ def test_the_node_reads_the_emulator(lab, tmp_path):
     link = tmp_path / "array"
     lab.begin()
     lab.heard, told = lab.listen(Image, "array/image"), lab.listen(DiagnosticArray, "/diagnostics")
-    words = [["array_emulator", "--link", link, "--rate-hz", "50", "--spoil", "0.3"]]
-    words += [["array_node", "--ros-args", "-p", f"port:={link}"]]
-    started = [
-        subprocess.Popen(
-            [sys.executable, EXAMPLES / f"serial_{name}.py", *map(str, rest)],
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for name, *rest in words
-    ]
-    try:
-        assert started[0].stdout.readline() == f"port: {link}\n"
+    sends, reads = (
+        [sys.executable, EXAMPLES / f"serial_array_{name}.py"] for name in ("emulator", "node")
+    )
+    sends += ["--link", link, "--rate-hz", "50", "--spoil", "0.3"]
+    reads += ["--ros-args", "-p", f"port:={link}"]
+    with begun(sends) as sender, begun(reads) as reader:
+        assert sender.stdout.readline() == f"port: {link}\n"
         damage = "corrupt: the checksum"
         lab.until(
             lambda: len(lab.heard) > 9 and any(damage in s.message for d in told for s in d.status),
             "images and damage",
         )
-        for process in started:
+        for process in (sender, reader):
             process.send_signal(signal.SIGINT)
-        printed = [process.communicate()[0] for process in started]
-        assert "damaged" in printed[0]
-        assert [process.returncode for process in started] == [0, 0]
-    finally:
-        for process in started:
-            process.kill()
-            process.wait()
+        assert "damaged" in ended(sender)[0]
+        ended(reader)
     assert not link.is_symlink()
     assert {(message.height, message.width) for message in lab.heard} == {(5, 5)}
 

@@ -1,12 +1,11 @@
 """A benchmark of the nodes runs: what it measures is there under the name that it uses."""
 
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from conftest import PATIENCE_S
+from command_line import begun, ended
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
@@ -14,17 +13,12 @@ BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 @pytest.mark.skipif(not BENCHMARKS.is_dir(), reason="the benchmarks are not installed")
 def test_latency_prints_a_line_with_the_times_of_all_steps():
     few = ["--processes=1", "--sides=5", "--rates=50", "--seconds=0.4"]
-    done = subprocess.run(
-        [sys.executable, BENCHMARKS / "latency.py", "--methods=sam_interpolated", *few],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    program = [sys.executable, BENCHMARKS / "latency.py", "--methods=sam_interpolated", *few]
+    with begun(program) as process:
+        out, _ = ended(process)
     head, figures = (
         [line[start : start + 9].strip() for start in range(0, len(line), 9)]
-        for line in done.stdout.splitlines()[1:3]
+        for line in out.splitlines()[1:3]
     )
     assert head[-3:] == ["fit", "estimate", "track"]
     assert len(figures) == len(head)

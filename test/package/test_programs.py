@@ -1,12 +1,10 @@
 """How programs start: with one thread of BLAS, Ctrl-C meanwhile, and without an extra."""
 
 import os
-import subprocess
 import sys
 
 import command_line
 import pytest
-from conftest import PATIENCE_S
 
 from uuv_optical_array.core.extras import NotInstalled, install_line, needs
 
@@ -74,11 +72,9 @@ def press_twice(executor):
 spin, node.spin = node.spin, press_twice
 programs.vehicles_node()
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, timeout=PATIENCE_S, check=False
-    )
-    assert (done.returncode, done.stdout) == (0, b"")
-    assert b"Traceback" not in done.stderr
+    done = command_line.python(code)
+    assert (done.returncode, done.stdout) == (0, "")
+    assert "Traceback" not in done.stderr
 
 
 def test_without_ctrl_c_a_program_runs():

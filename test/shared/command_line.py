@@ -50,12 +50,33 @@ def json_of(command, *words, code=0):
     return json.loads(printed.getvalue())
 
 
-def python(code, **options):
+def python(code, *words, **options):
     """Run code in a process of its own; return the process, ended, with what it wrote."""
-    words = [sys.executable, "-c", code]
+    program = [sys.executable, "-c", code, *map(str, words)]
     return subprocess.run(
-        words, capture_output=True, text=True, timeout=PATIENCE_S, check=False, **options
+        program, capture_output=True, text=True, timeout=PATIENCE_S, check=False, **options
     )
+
+
+@contextlib.contextmanager
+def begun(program, **options):
+    """Start a process, of which nothing is left where the test goes on without its end."""
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen([*map(str, program)], **{**pipes, **options})
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+
+
+def ended(process, code=0):
+    """Wait for the end of a process with an exit code and no traceback; return what it wrote."""
+    out, error = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == code, (out, error)
+    assert "Traceback" not in error
+    return out, error
 
 
 def interrupted(program, shown, **options):
@@ -63,10 +84,7 @@ def interrupted(program, shown, **options):
 
     Returns its exit code, and what it wrote to standard output and error, as bytes.
     """
-    process = subprocess.Popen(
-        [*map(str, program)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options
-    )
-    try:
+    with begun(program, text=False, **options) as process:
         seen = b""
         while not re.search(shown, seen):
             more = os.read(process.stderr.fileno(), 4096)
@@ -74,10 +92,6 @@ def interrupted(program, shown, **options):
             seen += more
         process.send_signal(signal.SIGINT)
         out, error = process.communicate(timeout=PATIENCE_S)
-    finally:
-        if process.poll() is None:
-            process.kill()
-            process.communicate()
     return process.returncode, out, error
 
 

@@ -1,15 +1,12 @@
 """What feeds the live view: the simulation and its sliders, a recording and its time line."""
 
-import os
 import signal
-import subprocess
 import sys
 import threading
 
 import numpy as np
 import pytest
-from command_line import run
-from conftest import PATIENCE_S
+from command_line import begun, ended, run
 from scenes import squared_error
 
 from uuv_optical_array.estimation.estimator import Estimator
@@ -124,17 +121,10 @@ def test_ctrl_c_ends_the_command_in_a_line(scene_file):
     pytest.importorskip("viser", reason="the view needs the extra view")
     words = ["view", "--scene", scene_file, "--address", ":18200"]
     code = "from uuv_optical_array.programs import uuv_array; uuv_array()"
-    with subprocess.Popen(
-        [sys.executable, "-c", code, *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ,
-    ) as process:
+    with begun([sys.executable, "-c", code, *words]) as process:
         assert process.stdout.readline().startswith("open http://127.0.0.1:18")
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=PATIENCE_S)
-    assert (out, err, process.returncode) == ("", "interrupted\n", 130)
+        assert ended(process, 130) == ("", "interrupted\n")
 
 
 @pytest.mark.parametrize(

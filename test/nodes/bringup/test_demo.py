@@ -1,11 +1,8 @@
 """The record of the demonstration begins when the leader sets off; two runs do not mix."""
 
-import subprocess
-
 import numpy as np
 import pytest
-from command_line import PROGRAM
-from conftest import PATIENCE_S
+from command_line import PROGRAM, begun, ended
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from odometries import odometry, time_of
@@ -78,19 +75,9 @@ def test_a_run_that_another_joins_ends_with_an_error(lab, tmp_path):
 def refused(folder, *words, meanwhile=lambda: None):
     """Run ``uuv_array follow`` until it refuses; return the line of its error."""
     picture = folder / "x.png"
-    process = subprocess.Popen(
-        [*PROGRAM, "follow", "--scene", "reference", "--output", picture, *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
+    program = [*PROGRAM, "follow", "--scene", "reference", "--output", picture, *words]
+    with begun(program) as process:
         meanwhile()
-        out, error = process.communicate(timeout=PATIENCE_S)
-    finally:
-        if process.poll() is None:
-            process.kill()
-            process.communicate()
-    assert process.returncode == 1, out + error
+        _, error = ended(process, 1)
     assert not picture.exists()
     return error.splitlines()[-1]

@@ -1,7 +1,6 @@
 """The SROS2 policy is that of the nodes' interfaces; nodes write into cache and log alone."""
 
 import os
-import subprocess
 import sys
 from fnmatch import fnmatch
 from importlib.util import find_spec
@@ -9,7 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from conftest import PATIENCE_S
+from command_line import begun, ended, python
 
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.nodes.bringup import security
@@ -134,11 +133,9 @@ def test_a_policy_is_printed_where_ros_is_secured_too():
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     secured = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
     command = [sys.executable, "-m", security.__name__, "--ros-args", "-r", "__ns:=/rov"]
-    done = subprocess.run(
-        command, env=environment | secured, capture_output=True, text=True, timeout=PATIENCE_S
-    )
-    assert done.returncode == 0, done.stderr
-    assert set(enclaves(done.stdout)) <= set(security.PROCESSES)
+    with begun(command, env=environment | secured) as process:
+        printed, _ = ended(process)
+    assert set(enclaves(printed)) <= set(security.PROCESSES)
 
 
 def test_the_policy_has_the_form_of_the_schema():
@@ -206,14 +203,7 @@ def test_nodes_write_into_the_cache_and_the_log_alone(tmp_path, scene_file):
         "PYTHONDONTWRITEBYTECODE": "1",
         "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
     }
-    done = subprocess.run(
-        [sys.executable, "-c", WRITES, scene_file],
-        env=environment,
-        cwd=tmp_path / "here",
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-    )
+    done = python(WRITES, scene_file, env=environment, cwd=tmp_path / "here")
     assert done.returncode == 0, done.stderr
     written = [Path(line) for line in done.stdout.splitlines()]
     kept = (own, Path(os.environ["NUMBA_CACHE_DIR"]).resolve(), Path("/dev"))

@@ -2,13 +2,12 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from types import SimpleNamespace
 
 import pytest
 import rclpy
+from command_line import python
 from conftest import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -94,9 +93,8 @@ NODES = ("simulator", "feature", "estimator", "formation", "follower", "vehicles
 def test_importing_the_nodes_imports_nothing_heavy():
     names = ", ".join(f"uuv_optical_array.nodes.{node}_node" for node in NODES)
     program = f"import sys, {names}\nprint(*(name for name in {HEAVY} if name in sys.modules))"
-    words = [sys.executable, "-c", program]
-    ran = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S, check=True)
-    assert ran.stdout.split() == []
+    ran = python(program)
+    assert (ran.returncode, ran.stdout) == (0, "\n"), ran.stderr
 
 
 def test_between_two_messages_others_have_their_turn_and_the_newest_is_next(executor):

@@ -269,20 +269,14 @@ def test_without_a_moment_there_is_the_mean_sea_which_estimators_believe(chosen)
     assert not np.allclose(seen, still.light(AHEAD), rtol=1e-2)
 
 
-LAMPS = 200
-
-
 def test_the_drift_has_the_stated_spread_and_correlation():
     # Over many lamps, as one record of 16 waves is not long enough.
-    now, later = [], []
-    still = make_model().light(AHEAD).max()
-    for seed in range(LAMPS):
-        model = make_model(lamp_drift={"std": 0.1, "time_scale_s": 20.0, "seed": seed})
-        both = np.log(model.expose([AHEAD, AHEAD], time_s=[100.0, 120.0]).max(axis=(1, 2)) / still)
-        now.append(both[0])
-        later.append(both[1])
-    assert np.std(now) == pytest.approx(0.1, rel=4 / math.sqrt(2 * LAMPS))
-    assert abs(np.mean(now)) < 5 * 0.1 / math.sqrt(LAMPS)
+    lamps, times_s = 2000, np.array([100.0, 120.0])
+    given = {"std": 0.1, "time_scale_s": 20.0}
+    forms = [effects.moving.lamp_drift(ARRAY, **given, seed=seed) for seed in range(lamps)]
+    now, later = np.log([form.factor(times_s, None, None) for form in forms]).T
+    assert np.std(now) == pytest.approx(0.1, rel=4 / math.sqrt(2 * lamps))
+    assert abs(np.mean(now)) < 5 * 0.1 / math.sqrt(lamps)
     assert np.corrcoef(now, later)[0, 1] == pytest.approx(
-        math.exp(-0.5), abs=4 * (1 - math.exp(-1)) / math.sqrt(LAMPS)
+        math.exp(-0.5), abs=4 * (1 - math.exp(-1)) / math.sqrt(lamps)
     )

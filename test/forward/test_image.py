@@ -7,12 +7,6 @@ from scenes import make_scene
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 
-WATER = {
-    "clear": {},
-    "dim": {"attenuation": {"k_per_m": 0.2}},
-    "blurred": {"forward_scatter": {"window_m": 0.5}},
-    "dim and blurred": {"attenuation": {"k_per_m": 0.2}, "forward_scatter": {"window_m": 0.5}},
-}
 ASIDE = [-5.0, 0.2, -0.1, 0.05, 0.1]
 
 
@@ -23,32 +17,7 @@ def make_model(array="curved", reference=(900.0, 4.0), **effects):
     return ForwardModel(make_scene(shape, 4 if even else 5, effects, **lamp))
 
 
-@pytest.mark.parametrize(
-    ("array", "water", "reference"),
-    [
-        ("planar", "clear", (900.0, 4.0)),
-        ("planar, even", "dim and blurred", (12.5, 7.3)),
-        ("curved", "blurred", (12.5, 7.3)),
-        ("curved, even", "dim", (900.0, 4.0)),
-    ],
-)
-def test_the_aligned_array_reads_the_reference_at_the_reference_range(array, water, reference):
-    counts, range_m = reference
-    model = make_model(array, reference, **WATER[water])
-    image = model.expected([-range_m, 0, 0, 0, 0])
-    assert image.max() == pytest.approx(counts, rel=1e-12)
-    assert make_model(array, reference, **WATER[water], adc={"bits": 16}).expose(
-        [-range_m, 0, 0, 0, 0]
-    ).max() == pytest.approx(counts, abs=0.5)
-
-
 def test_the_lamp_does_not_know_the_limits_of_the_electronics():
-    bare = make_model(**WATER["dim"])
-    limited = make_model(
-        **WATER["dim"], saturation={"level_counts": 100.0}, sensor_noise={"sigma_counts": 5.0}
-    )
-    assert limited.power == bare.power
-    np.testing.assert_array_equal(limited.light(ASIDE), bare.light(ASIDE))
     # Half a metre away even a lamp of unit power is above the lowest saturation level.
     near = (900.0, 0.9)
     low = make_model("planar", near, saturation={"level_counts": 1.0})

@@ -63,14 +63,14 @@ def scene_with(effects, shape="curved", side=5, **lamp):
 
 @st.composite
 def scenes(draw, names):
-    """Scenes with some effects anywhere in their bounds, any beam, and an array of any size."""
-    side = draw(st.sampled_from([3, 5]))
+    """Scenes with some effects anywhere in their bounds, any lamp, and an array of any size."""
+    side = draw(st.sampled_from([3, 4, 5]))
     effects = {name: draw(settings_of(name, side)) for name in names}
     shape, width_m = draw(st.sampled_from(SHAPES)), draw(st.floats(0.1, 0.6))
     radius_m = width_m * draw(st.floats(0.8, 2)) if shape == "curved" else None
     array = {"width_m": width_m, "bow_m": draw(st.floats(0, 1)), "radius_m": radius_m}
-    scene = scene_with(effects, shape, side, beam_sigma_deg=draw(st.floats(3, 60)))
-    return changed(scene, array=array)
+    lamp = {"beam_sigma_deg": draw(st.floats(3, 60)), "reference_range_m": draw(st.floats(3, 9))}
+    return changed(scene_with(effects, shape, side, **lamp), array=array)
 
 
 @st.composite

@@ -208,23 +208,6 @@ def test_the_information_is_the_mean_square_of_the_score(std, u, limits):
         )
 
 
-def test_without_limits_the_information_is_the_textbooks():
-    """N(m, v(m)): 1/v + v'^2 / (2 v^2), here as the mean square of a numerical score."""
-    light, dark, slope = 40.0, 3.0, 0.5
-    variance = dark + slope * light
-
-    def logpdf(reading, at):
-        return norm.logpdf(reading, at, (dark + slope * at) ** 0.5)
-
-    def integrand(reading):
-        score = derivative(lambda at: logpdf(reading, at), light, 1e-2)
-        return score**2 * norm.pdf(reading, light, variance**0.5)
-
-    with np.errstate(under="ignore"):
-        expected = quad(integrand, light - 12 * variance**0.5, light + 12 * variance**0.5)[0]
-    assert told_by(light, dark, slope, FREE) == pytest.approx(expected, rel=1e-6)
-
-
 @settings(max_examples=200)
 @given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e3), st.floats(0.0, 10.0))
 def test_limits_never_add_information(light, std, slope):

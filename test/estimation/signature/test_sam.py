@@ -7,16 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import changed
 
 from uuv_optical_array.estimation.signature import spectral_angle as sam
-from uuv_optical_array.estimation.signature.features import key_parameters, lifted
 from uuv_optical_array.estimation.signature.spectral_angle import (
     SpectralIndex,
     spectral_angle,
 )
-from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene
 
 pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.usefixtures("strict_but_for_zeros")]
 
@@ -204,21 +200,3 @@ def test_single_precision_rows_are_matched_in_double_precision():
     exact = np.array([exact_angle(row, whole[-1]) for row in whole[:-1]])
     np.testing.assert_array_equal(found, np.argsort(exact, kind="stable"))
     np.testing.assert_allclose(angles, exact[found], atol=2e-15)
-
-
-def test_plain_sam_cannot_tell_4_m_from_8_m_when_aligned_and_the_lift_can():
-    lifted_scene = load_scene("reference")
-    ones = dict.fromkeys(("peak_weight", "position_weight", "skewness_weight"), 1.0)
-    plain_scene = changed(lifted_scene, signature={**ones, "lift": 0.0})
-    images = ForwardModel(plain_scene).expected([[-4.0, 0, 0, 0, 0], [-8.0, 0, 0, 0, 0]])
-    near, far = key_parameters(images, plain_scene.full_scale_counts, "subdetector")
-    assert near[0] > 5 * far[0]
-    assert spectral_angle(near, far) < 1e-12
-    plain = [lifted(p, plain_scene.signature, 5) for p in (near, far)]
-    assert spectral_angle(*plain) < 1e-12
-    # Along (peak, 1) alone the lifted angle is a difference of two arctangents.
-    seen = [lifted(p, lifted_scene.signature, 5) for p in (near, far)]
-    weight = lifted_scene.signature.peak_weight / lifted_scene.signature.lift
-    expected = math.atan(weight * near[0]) - math.atan(weight * far[0])
-    assert expected > 0.5
-    assert spectral_angle(*seen) == pytest.approx(expected, abs=1e-12)

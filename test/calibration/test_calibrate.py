@@ -118,10 +118,17 @@ def command(bag, folder, *words):
     )  # fmt: skip
 
 
-def test_another_sea_is_found_within_its_standard_errors(bag, tmp_path):
-    found = json_of(run, *command(bag, tmp_path, "--noise"))
+@pytest.fixture(scope="module")
+def with_noise(bag, tmp_path_factory):
+    """What is told of a fit of the noise, too, and the settings that are written."""
+    folder = tmp_path_factory.mktemp("noise")
+    found = json_of(run, *command(bag, folder, "--noise"))
+    return found, load_scene(folder / "sea.yaml").settings()
+
+
+def test_another_sea_is_found_within_its_standard_errors(with_noise):
+    found, written = with_noise
     true, gains = truth()
-    written = load_scene(tmp_path / "sea.yaml").settings()
     for name, value in true.items():
         fit = found["parameters"][name]
         assert abs(fit["fitted"] - value) < 4 * fit["std_error"], name
@@ -140,13 +147,15 @@ def test_another_sea_is_found_within_its_standard_errors(bag, tmp_path):
     )
 
 
-def test_noise_that_the_scene_underestimates_widens_the_errors_and_is_told(bag, tmp_path):
+def test_noise_that_the_scene_underestimates_widens_the_errors_and_is_told(
+    bag, tmp_path, with_noise
+):
     plain = json_of(run, *command(bag, tmp_path))
     misfit = (1.5**2 + 1 / 12) / (1.0**2 + 1 / 12)
     assert plain["mean_squared_residual"] == pytest.approx(misfit, rel=0.1)
     assert any("does not explain the data" in note for note in plain["notes"])
     assert any("sensor_noise.sigma_counts 1." in note for note in plain["notes"])
-    told = json_of(run, *command(bag, tmp_path, "--noise"))
+    told, _ = with_noise
     for name, value in truth()[0].items():
         if name in plain["parameters"]:
             fit = plain["parameters"][name]

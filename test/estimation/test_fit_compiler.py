@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from command_line import begun, python
 from conftest import PATIENCE_S
+from needs import numba
 
 from uuv_optical_array.estimation import fit_compiler
 from uuv_optical_array.estimation.estimator import Estimator
@@ -19,9 +20,6 @@ from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
-NUMBA = pytest.mark.skipif(
-    importlib.util.find_spec("numba") is None, reason="numba is not installed: nothing to compile"
-)
 POSES = [[-6, 0.2, -0.1, 0.05, -0.1], [-5, -0.2, 0.1, -0.05, 0.1]]
 
 
@@ -47,7 +45,7 @@ def assert_same(one, other):
     )
 
 
-@NUMBA
+@numba
 def test_it_answers_as_it_stands_until_the_compiled_fit_takes_over(
     tmp_path, monkeypatch, compiled_fit, nothing_loaded, scene, images
 ):
@@ -66,7 +64,7 @@ def test_it_answers_as_it_stands_until_the_compiled_fit_takes_over(
     assert_same(estimator.estimate(images[1]), plain.estimate(images[1]))
 
 
-@NUMBA
+@numba
 @pytest.mark.parametrize(
     ("code", "reason"),
     [
@@ -95,7 +93,7 @@ def test_without_numba_the_fit_as_it_stands_answers(monkeypatch, scene, images):
     assert np.isfinite(estimator.wait().estimate(images[0]).pose).all()
 
 
-@NUMBA
+@numba
 def test_the_first_frame_of_a_track_takes_one_fit_as_any_other(monkeypatch):
     fit, fits = ImageFit.__call__, []
     pipeline = Pipeline(Estimator(load_scene("follow")).wait())
@@ -126,7 +124,7 @@ def run(program, **environment):
     return python(program, env={**os.environ, **environment})
 
 
-@NUMBA
+@numba
 def test_the_process_fills_the_cache_from_which_others_load(scene_file):
     ran = run(COMPILED.format(scene=scene_file))
     assert ran.returncode == 0, ran.stderr
@@ -135,7 +133,7 @@ def test_the_process_fills_the_cache_from_which_others_load(scene_file):
     assert misses == 0
 
 
-@NUMBA
+@numba
 def test_where_nothing_can_be_kept_the_reason_has_the_cure(tmp_path):
     occupied = tmp_path / "file"
     occupied.touch()
@@ -167,7 +165,7 @@ except KeyboardInterrupt:
 """
 
 
-@NUMBA
+@numba
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_the_compiling_process_ends_with_the_program(tmp_path, scene_file, number):
     fifo = tmp_path / "fifo"

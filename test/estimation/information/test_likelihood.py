@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from needs import numba
 from scipy.integrate import quad
 from scipy.stats import norm
 
@@ -161,7 +162,7 @@ def test_the_light_below_zero_has_the_noise_of_the_dark():
         assert score == pytest.approx((5.0 - light) / 2.0)
 
 
-@pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
+@numba
 @pytest.mark.parametrize("slope", [0.0, 1 / 50])
 @pytest.mark.parametrize("limits", [ADC, FREE])
 @np.errstate(under="ignore")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from needs import numba
 
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.likelihood import log_likelihood
@@ -12,12 +13,11 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
 pytestmark = pytest.mark.filterwarnings("error")
-NUMBA = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 MODEL = ForwardModel(load_scene("follow"))
 CONSTANTS = constants_of(MODEL)
 OFFSETS = np.array([0.1, -0.4, 0.01, 0.3, 0.1, -0.02, 3.0, -2.0, 4.0])
 WAYS = pytest.mark.parametrize(
-    "fast", [False, pytest.param(True, marks=NUMBA)], ids=["plain", "compiled"]
+    "fast", [False, pytest.param(True, marks=numba)], ids=["plain", "compiled"]
 )
 
 
@@ -44,7 +44,7 @@ def test_readings_are_linearised_about_the_models_light(fast, names):
     )
 
 
-@NUMBA
+@numba
 def test_compiled_coordinates_are_those_of_numpy():
     at = np.array([-4.0, 0.3, -0.2, 0.05, -0.1, *OFFSETS])
     joint = joint_coordinates.JointCoordinates(CONSTANTS.frame, CONSTANTS.names)

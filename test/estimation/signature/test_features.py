@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from needs import numba
 from scipy import stats
 from second_features import slow_key_parameters
 
@@ -150,7 +151,7 @@ def test_a_batch_answers_as_its_images_one_by_one_and_is_left_untouched(peak):
     np.testing.assert_array_equal(images, kept)
 
 
-@pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
+@numba
 def test_many_images_have_the_same_bits_whatever_the_process_has_loaded():
     images = np.random.default_rng(3).uniform(0, 900, (500, 5, 5))
     expected = np.empty((5, 500))
@@ -160,7 +161,7 @@ def test_many_images_have_the_same_bits_whatever_the_process_has_loaded():
     np.testing.assert_array_equal(parameters, expected.T)
 
 
-@pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
+@numba
 @pytest.mark.parametrize("side", [2, 4, 5])
 @pytest.mark.parametrize("peak", PEAKS)
 def test_compiled_parameters_are_those_of_numpy(side, peak):

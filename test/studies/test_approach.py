@@ -172,21 +172,6 @@ def test_statistics_of_planted_errors_are_the_closed_ones():
     )
 
 
-def test_an_interrupt_keeps_the_batches_before_it(tank):
-    batches = []
-
-    def stop(count):
-        batches.append(count)
-        if len(batches) == 2:
-            raise KeyboardInterrupt
-
-    rng = np.random.default_rng(4)
-    result = simulate(tank, CASES["dive"], Choices(), 3, rng, stop, batch=1)
-    assert batches == [1, 1]
-    assert result.runs == 2
-    assert all(errors.shape == (2, FRAMES, 5) for errors in result.errors.values())
-
-
 def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother(monkeypatch):
     def docking(motion, images, first):
         assert len(images) == len(first) == 1
@@ -207,7 +192,18 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(tank, tank_file, tmp
     result = json_of(run, "--scene", tank_file, "--runs", 1, "--output", picture)
     assert result["picture"] == str(picture)
     assert picture.read_bytes().startswith(b"\x89PNG")
-    again = simulate(tank, CASES["dive"], Choices(), 1, np.random.default_rng(1))
+    batches = []
+
+    def stop(count):
+        batches.append(count)
+        if len(batches) == 2:
+            raise KeyboardInterrupt
+
+    # An interrupt keeps the batches before it.
+    again = simulate(tank, CASES["dive"], Choices(), 3, np.random.default_rng(1), stop, batch=1)
+    assert (batches, again.runs) == ([1, 1], 2)
+    assert all(errors.shape == (2, FRAMES, 5) for errors in again.errors.values())
+    again.errors.update({method: errors[:1] for method, errors in again.errors.items()})
     assert result["cases"]["dive"] == as_object(CASES["dive"], again)
     assert (result["asked_runs"], result["noise"], result["offsets"]) == (1, "uniform", "whole")
     (case,) = result["cases"].values()

@@ -62,23 +62,16 @@ def chain_moments(scene, readings, pose, roll, steps):
     factor = np.linalg.cholesky(np.linalg.inv(best.parts[INFORMATION:]))
     start = best.parts[AT] + np.random.default_rng(1).normal(size=(WALKERS, 5)) @ factor.T
 
-    def poses_at(coordinates):
-        return np.stack(to_lamp(frame, np.moveaxis(coordinates, -1, 0), roll)[1], axis=-1)
-
     def log_density(coordinates):
-        poses = poses_at(coordinates)
-        steps = 1e-5 * np.concatenate([np.eye(5), -np.eye(5)])[:, None]
-        there = poses_at(coordinates + steps)
-        _, volume = np.linalg.slogdet(np.moveaxis(there[:5] - there[5:], 0, -1))
-        prior = 0.5 * (((poses - middle) / wide) ** 2).sum(axis=1)
-        light = model.light(poses, roll).reshape(len(poses), -1)
-        likely = log_likelihood(readings, light, model.noise)[0].sum(axis=1)
-        return likely + volume - prior
+        # The volume is compared with differences in test_coordinates.py.
+        _, poses, log_volume = to_lamp(frame, coordinates.T, roll)
+        prior = 0.5 * (((np.transpose(poses) - middle) / wide) ** 2).sum(axis=1)
+        light = model.light(np.transpose(poses), roll).reshape(len(coordinates), -1)
+        return log_likelihood(readings, light, model.noise)[0].sum(axis=1) + log_volume - prior
 
     with np.errstate(under="ignore"):
-        samples = chains(log_density, start, steps, 2)
-        poses = poses_at(samples)
-    return poses.mean(axis=0), np.cov(poses.T)
+        poses = np.array(to_lamp(frame, chains(log_density, start, steps, 2).T, roll)[1])
+    return poses.mean(axis=1), np.cov(poses)
 
 
 WIDER = {"yaw_deg": [-60.0, 60.0, 9]}

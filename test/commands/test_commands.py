@@ -8,7 +8,7 @@ import signal
 
 import numpy as np
 import pytest
-from command_line import PROGRAM, assert_picture, begun, ended, python, run
+from command_line import PROGRAM, assert_picture, begun, ended, run
 from generated import reference
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
@@ -110,11 +110,3 @@ def test_ctrl_c_ends_follow_early_with_a_summary_and_a_picture(lab, tmp_path):
     assert re.search(r"[1-9]\d* poses from [1-9]\d* images", out)
     assert "followed the leader until it was interrupted" in out
     assert_picture(picture)
-
-
-def test_what_only_some_commands_need_is_not_loaded_for_the_others():
-    code = (
-        "import sys; from uuv_optical_array.commands import build_parser; build_parser();"
-        "print(*{'matplotlib', 'rclpy', 'numba', 'dask', 'zarr', 'rosbags'} & set(sys.modules))"
-    )
-    assert python(code).stdout == "\n"

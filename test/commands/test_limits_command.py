@@ -31,6 +31,7 @@ def printed(text):
     }
 
 
+@pytest.mark.usefixtures("sketched")
 def test_the_command_prints_the_bound_of_one_pose_and_writes_a_picture(tmp_path, capsys):
     output = tmp_path / "limits.png"
     words = ("--pose", -7, 0.5, -0.2, 3, -10)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from command_line import python
 from drawn_effects import scene_with
 from effect_settings import middle_settings
 
@@ -42,15 +41,3 @@ def test_no_pose_at_all_has_no_light():
     assert model.light(np.empty((3, 0, 5))).shape == (3, 0, 5, 5)
     image, jacobian = model.linearised(np.empty((0, 5)))
     assert (image.shape, jacobian.shape) == ((0, 25), (0, 25, 5))
-
-
-def test_simulation_and_tables_never_load_numba():
-    code = (
-        "import sys, numpy as np; from uuv_optical_array.forward.model import ForwardModel;"
-        "from uuv_optical_array.forward.scene import load_scene;"
-        "from uuv_optical_array.estimation.signature_table import build_table;"
-        "model = ForwardModel(load_scene('reference'));"
-        "model.light(np.tile([-6.0, 0, 0, 0, 0], (10_000, 1)));"
-        "print('numba' in sys.modules)"
-    )
-    assert python(code).stdout == "False\n"

@@ -38,6 +38,35 @@ def test_importing_the_package_imports_none_of_its_modules():
     assert python(program).stdout.strip() == "1"
 
 
+SIMULATION = """import numpy as np
+from uuv_optical_array.estimation.signature_table import build_table
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+ForwardModel(load_scene("reference")).light(np.tile([-6.0, 0, 0, 0, 0], (10_000, 1)))"""
+NODES = "simulator", "feature", "estimator", "formation", "follower", "vehicles"
+
+
+@pytest.mark.parametrize(
+    ("code", "heavy"),
+    [
+        (SIMULATION, {"numba"}),
+        (
+            "from uuv_optical_array.commands import build_parser; build_parser()",
+            {"matplotlib", "rclpy", "numba", "dask", "zarr", "rosbags"},
+        ),
+        # Each takes a good part of a second to import, and no node needs it before its first frame.
+        (
+            "; ".join(f"import uuv_optical_array.nodes.{node}_node" for node in NODES),
+            {"matplotlib", "numba", "scipy.stats"},
+        ),
+    ],
+    ids=["simulation and tables", "commands", "nodes"],
+)
+def test_what_only_some_need_is_not_loaded_for_the_others(code, heavy):
+    done = python(f"{code}\nimport sys; print(*{heavy} & set(sys.modules))")
+    assert (done.returncode, done.stdout) == (0, "\n"), done.stderr
+
+
 def test_each_module_of_tests_and_benchmarks_has_a_name_of_its_own():
     """launch_testing imports each by its name alone."""
     names = [

@@ -187,7 +187,7 @@ def test_the_cost_of_a_setting_is_what_the_bound_gains_where_it_is_known():
 @pytest.mark.usefixtures("sketched")
 def test_lamps_of_one_power_are_compared_in_three_seas(tmp_path):
     picture = tmp_path / "lamps.png"
-    answer = json_of(run, "--scene", "leading_lights", "--lamps", picture, "--poses", 16)
+    answer = json_of(run, "--scene", "leading_lights", "--lamps", picture, "--poses", 8)
     rows = {(row["lamps"], row["sea"]): row for row in answer["lamps"]}
     assert list(rows) == [(n, sea) for n in (1, 2, 3, 4) for sea in ("known", "drawn", "cloud")]
     assert matplotlib.image.imread(picture).shape[2] == 4

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import pytest
 import rclpy
-from command_line import python
 from conftest import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -83,18 +82,6 @@ def test_a_shutdown_from_elsewhere_ends_the_spin(executor):
     executor.add_node(node)
     spin(executor)
     assert not rclpy.ok()
-
-
-# Each takes a good part of a second to import, and no node needs it before its first frame.
-HEAVY = ("matplotlib", "numba", "scipy.stats")
-NODES = ("simulator", "feature", "estimator", "formation", "follower", "vehicles")
-
-
-def test_importing_the_nodes_imports_nothing_heavy():
-    names = ", ".join(f"uuv_optical_array.nodes.{node}_node" for node in NODES)
-    program = f"import sys, {names}\nprint(*(name for name in {HEAVY} if name in sys.modules))"
-    ran = python(program)
-    assert (ran.returncode, ran.stdout) == (0, "\n"), ran.stderr
 
 
 def test_between_two_messages_others_have_their_turn_and_the_newest_is_next(executor):

@@ -36,9 +36,11 @@ def truth():
 
 
 def leader_at(t):
-    """Return where a leader is that turns and dives."""
-    turn = Rotation.from_euler("ZYX", [0.6 * np.sin(0.2 * t), 0.1 * np.sin(0.5 * t), 0.0])
-    return np.array([0.8 * t, 3 * np.sin(0.2 * t), -5 + np.sin(0.3 * t)]), turn
+    """Return where a leader is that goes and turns evenly, as a record of it is interpolated."""
+    turn = Rotation.from_euler("ZYX", [0.6, 0.1, -0.2]) * Rotation.from_rotvec(
+        [0, 0.1 * t, 0.3 * t]
+    )
+    return np.array([0.8 * t, 0.3 * t, -5 + 0.1 * t]), turn
 
 
 def relative_at(t):
@@ -53,18 +55,8 @@ def relative_at(t):
     return np.array(pose), 0.1 * np.sin(0.7 * t)
 
 
-def interpolated_leader(t, step):
-    """Return the leader between its messages: what a record of them says."""
-    early = np.floor(t / step + 1e-9) * step
-    share = (t - early) / step
-    (p0, r0), (p1, r1) = leader_at(early), leader_at(early + step)
-    turned = r0 * Rotation.from_rotvec(share * (r0.inv() * r1).as_rotvec())
-    return p0 + share * (p1 - p0), turned
-
-
-def follower_at(t, leader_step=0.2):
-    """Return a follower where it should be of the leader that is on record."""
-    position, turn = interpolated_leader(t, leader_step)
+def follower_at(t):
+    position, turn = leader_at(t)
     pose, roll = relative_at(t)
     own = turn * Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
     return position + turn.apply(np.array(BEACON) + pose[:3]), own

@@ -55,21 +55,17 @@ def test_a_bag_of_both_sweeps_gives_the_scene_its_wiring(sent, tmp_path, capsys)
 
 
 @rosbags
-def test_an_array_that_is_wired_right_gets_no_wiring(tmp_path, capsys):
-    frames = torch_run(5, np.random.default_rng(6))
-    bag = write_bag(tmp_path / "torch", [image_message(*each) for each in frames], "MCAP")
-    run("commission", bag, "-o", tmp_path / "sea.yaml")
+def test_an_array_that_is_wired_right_gets_no_wiring_and_a_bag_that_ends_early_no_scene(
+    tmp_path, capsys
+):
+    frames = [image_message(*each) for each in torch_run(5, np.random.default_rng(6))]
+    output = tmp_path / "sea.yaml"
+    half = write_bag(tmp_path / "half", frames[: len(frames) // 2], "MCAP")
+    assert "ends before both sweeps" in run("commission", half, "-o", output, code=1)
+    assert not output.exists()
+    run("commission", write_bag(tmp_path / "torch", frames, "MCAP"), "-o", output)
     assert "wiring: in reading order" in capsys.readouterr().out
-    assert load_scene(tmp_path / "sea.yaml").array.wiring is None
-
-
-@rosbags
-def test_a_bag_that_ends_early_writes_nothing(sent, tmp_path):
-    messages = [image_message(*each) for each in sent[: len(sent) // 2]]
-    bag = write_bag(tmp_path / "torch", messages, "MCAP")
-    line = run("commission", bag, "-o", tmp_path / "sea.yaml", code=1)
-    assert "ends before both sweeps" in line
-    assert not (tmp_path / "sea.yaml").exists()
+    assert load_scene(output).array.wiring is None
 
 
 def test_live_images_are_taken_until_both_sweeps_are_seen(lab, sent, tmp_path):

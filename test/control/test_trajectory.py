@@ -1,7 +1,6 @@
 """Poses by time: interpolation against closed forms, and every instant that has no answer."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,16 +9,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.control.trajectory import TooEarly, Trajectory
-from uuv_optical_array.core.messages import Refused, checked_quaternion
 
 pytestmark = pytest.mark.filterwarnings("error")
 
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 START_NS = 1_700_000_000_123_456_789  # a wall clock: float64 seconds would lose 100 ns
-
-
-def quaternion(axis, angle):
-    return np.array([*(np.asarray(axis) * math.sin(angle / 2)), math.cos(angle / 2)])
 
 
 def record(*samples, max_gap_s=1.0):
@@ -106,14 +100,3 @@ def test_a_stamp_that_goes_back_starts_the_record_anew():
         trajectory.at(100)
     with pytest.raises(LookupError):
         trajectory.at(40)
-
-
-def test_a_quaternion_whose_length_is_one_within_a_hundredth_is_normalised():
-    direction = quaternion([0.6, 0.0, 0.8], 0.7)
-    for length in (0.98, 0.991, 1.009, 1.02):
-        message = SimpleNamespace(**dict(zip("xyzw", length * direction, strict=True)))
-        if abs(length - 1) < 0.01:
-            np.testing.assert_allclose(checked_quaternion(message), direction, rtol=1e-14)
-        else:
-            with pytest.raises(Refused, match=r"bad attitude: .* has length"):
-                checked_quaternion(message)

@@ -79,12 +79,6 @@ def test_velocity_ramps_at_the_limit_of_acceleration_and_stops_at_that_of_speed(
     assert velocity() == sign * limits.speed[axis]
 
 
-def test_distance_of_a_ramp():
-    vehicle = Vehicle(np.zeros(3), limits=VehicleLimits(acceleration=(0.25,) * 5))
-    run(vehicle, np.array([0.5, 0, 0]), np.zeros(3), 100)
-    assert vehicle.position == pytest.approx([0.5**2 / (2 * 0.25), 0, 0])
-
-
 @given(
     commands=st.lists(
         st.tuples(*[st.floats(-1e6, 1e6)] * 6, st.floats(0.0, 0.5)), min_size=1, max_size=30

@@ -147,26 +147,24 @@ def test_the_5x5_comes_back_from_the_6x6_with_the_rolls_share_alone():
     np.testing.assert_allclose(rolled - covariance, 0.01 * np.outer(moved, moved), atol=1e-12)
 
 
-def test_an_array_turned_on_its_mount_looks_like_a_pose_that_is_swung_about_it():
-    pose, roll, bow_m, angle = np.array([-5.0, 0.4, -0.3, 0.2, -0.3]), 0.5, 0.4, 1e-5
-    axes = Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
-    array = pose[:3] + axes.apply([bow_m, 0.0, 0.0])
-    slopes = geometry.turned_on_mount(pose, roll, bow_m)
+@pytest.mark.parametrize("turned", ["array", "lamp"])
+def test_a_small_turn_of_array_or_lamp_appears_as_another_pose(turned):
+    """An array swings about its mount; all that a lamp lights turns back about it."""
+    pose, roll, bow, angle = np.array([-5.0, 0.4, -0.3, 0.2, -0.3]), 0.5, [0.4, 0.0, 0.0], 1e-5
+    axes = scipy_rotation(*pose[3:], roll)
+    if turned == "array":
+        slopes = geometry.turned_on_mount(pose, roll, bow[0])
+    else:
+        slopes = geometry.turned_about_lamp(pose)
     for column, about in enumerate(([0.0, angle, 0.0], [0.0, 0.0, angle])):
-        seen = axes * Rotation.from_rotvec(about)
+        turn = Rotation.from_rotvec(about)
+        if turned == "array":
+            seen = axes * turn
+            place = pose[:3] + axes.apply(bow) - seen.apply(bow)
+        else:
+            seen, place = turn.inv() * axes, turn.inv().apply(pose[:3])
         yaw, pitch, _ = seen.as_euler("ZYX")
-        moved = np.array([*(array - seen.apply([bow_m, 0.0, 0.0])), pitch, yaw]) - pose
-        np.testing.assert_allclose(moved / angle, slopes[:, column], atol=1e-4)
-
-
-def test_all_that_a_turned_lamp_lights_appears_to_turn_back_about_it():
-    pose, roll, angle = np.array([-5.0, 0.4, -0.3, 0.2, -2.3]), 0.0, 1e-5
-    axes = Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
-    slopes = geometry.turned_about_lamp(pose)
-    for column, about in enumerate(([0.0, angle, 0.0], [0.0, 0.0, angle])):
-        back = Rotation.from_rotvec(about).inv()
-        yaw, pitch, _ = (back * axes).as_euler("ZYX")
-        moved = np.array([*back.apply(pose[:3]), pitch, yaw]) - pose
+        moved = np.array([*place, pitch, yaw]) - pose
         np.testing.assert_allclose(moved / angle, slopes[:, column], atol=1e-4)
 
 

@@ -41,22 +41,13 @@ def test_a_file_of_rows_reads_back_and_is_plain_csv(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["t.csv"]
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("fingerprint", "0" * 64),
-        ("machine", "abacus"),
-        ("mode", "full"),
-        ("frames", 8),
-        ("seed", 2),
-    ],
-)
-def test_rows_of_another_run_are_refused_by_name(tmp_path, field, value):
+@pytest.mark.parametrize("field", ["fingerprint", "machine", "mode", "frames", "seed"])
+def test_rows_of_another_run_are_refused_by_name(tmp_path, field):
     path = tmp_path / "t.csv"
     Results(path, Measurement, ORIGIN).append([row()])
     before = path.read_bytes()
     with pytest.raises(ValueError, match=f"another run: {field} .*name another"):
-        Results(path, Measurement, {**ORIGIN, field: value})
+        Results(path, Measurement, {**ORIGIN, field: "another"})
     assert path.read_bytes() == before
 
 

@@ -221,10 +221,14 @@ def test_what_is_at_its_bound_is_taken():
     assert imu_roll(put(Imu(orientation=Quaternion(w=1.0)), NO_COMPASS)) == 0.0
 
 
-def test_an_attitude_off_unit_length_by_rounding_is_normalised():
+def test_an_attitude_off_unit_length_by_less_than_a_hundredth_is_normalised():
     turn = Rotation.from_euler("ZYX", [0.3, -0.2, 0.1]).as_quat()
-    _, quaternion = odometry_pose(placed(Odometry, quaternion=turn * 1.005))
-    np.testing.assert_allclose(quaternion, turn, atol=1e-15)
+    for length in (0.991, 1.009):
+        _, quaternion = odometry_pose(placed(Odometry, quaternion=length * turn))
+        np.testing.assert_allclose(quaternion, turn, atol=1e-15)
+    for length in (0.98, 1.02):
+        with pytest.raises(Refused, match=r"^bad attitude: .* has length"):
+            odometry_pose(placed(Odometry, quaternion=length * turn))
 
 
 def test_an_odometry_in_ned_axes_is_turned_into_those_of_rep_103():

@@ -95,6 +95,15 @@ REFUSED = [
     (("render", "--scene", "sea.yaml"), "scene sea: effects.fog: unknown key"),
     (("render", "--seed", "-1"), "--seed: -1 is out of bounds"),
     (("table", "--scene", "nowhere.yaml", "-o", "out/t"), "nowhere.yaml: no such file"),
+    (("scenes", "folow"), "did you mean follow?"),
+    (("scenes", "plum"), "did you mean plume?"),
+    (("scenes", "beam_sigma"), "did you mean beam_sigma_deg?"),
+    (("scenes", "xyzzy"), "uuv_array scenes lists the ready ones"),
+    (("scenes", "nowhere.yaml"), "nowhere.yaml: no such file"),
+    (("view", "--address", ":0"), "--address: 0 is out of bounds"),
+    (("view", "--screenshot", "/nowhere/view.png"), "make it first"),
+    (("view", "--scene", "nosuch"), "neither a .yaml file nor a ready scene"),
+    (("view", "/nowhere/bag"), "no such file or folder"),
     (("view", "bag", "--remap", "image:=a"), "FROM is one of array/image, leader/odometry"),
     (("view", "bag", "-r", "array/image"), "--remap array/image: give FROM:=TO"),
     (("calibrate", "bag", "--beacon-position", "0", "0", "nan"), "--beacon-position: nan is"),
@@ -136,7 +145,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("words", "told"), [(words, told) for words, *told in REFUSED])
 def test_a_value_that_cannot_be_used_ends_with_2_in_one_line_and_nothing_is_written(
-    words, told, tmp_path, monkeypatch
+    words, told, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
     scene = tmp_path / "sea.yaml"
@@ -147,6 +156,7 @@ def test_a_value_that_cannot_be_used_ends_with_2_in_one_line_and_nothing_is_writ
     for part in told:
         assert part in line
     assert list(tmp_path.iterdir()) == [scene]
+    assert capsys.readouterr().out == ""
 
 
 def test_what_fails_at_run_time_ends_with_1(tmp_path):

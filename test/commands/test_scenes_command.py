@@ -101,17 +101,3 @@ def test_a_key_an_effect_and_a_group_are_found_by_their_short_names(told):
     assert seeds == [f"effects.{name}.seed" for name in ("lamp_drift", "plume", "responsivity")]
     assert "Eren et al. (2017)" in told("drift_per_c"), "source"
     assert "exp(-K r)` (Eren et al. 2016, eq. 5)" in told("effects"), "law and source"
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("folow", "did you mean follow?"),
-        ("plum", "did you mean plume?"),
-        ("beam_sigma", "did you mean beam_sigma_deg?"),
-        ("xyzzy", "uuv_array scenes lists the ready ones"),
-        ("nowhere.yaml", "nowhere.yaml: no such file"),
-    ],
-)
-def test_an_unknown_name_is_one_line_with_the_nearest(name, words):
-    assert words in run(name, code=2)

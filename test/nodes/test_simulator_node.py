@@ -12,7 +12,7 @@ from sensor_msgs.msg import Image
 
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.nodes.simulator_node import SimulatorNode, main
+from uuv_optical_array.nodes.simulator_node import SimulatorNode
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 BEACON = [-0.7, 0.1, 0.2]
@@ -236,17 +236,6 @@ def test_a_seed_repeats_the_noise_and_minus_one_draws_a_new_one_at_each_start(
         follower.publish(odometry(1, BEHIND))
         readings.append(lab.answer(images, time_of(10**9)).data.tobytes())
     assert (readings[0] == readings[1]) == alike
-
-
-def test_a_scene_without_a_converter_is_refused_at_the_start_in_one_line(tmp_path):
-    effects = load_scene("reference").settings()["effects"]
-    del effects["adc"]
-    path = write_scene(tmp_path, "analogue", [("effects", effects)])
-    with pytest.raises(SystemExit) as end:
-        main(["--ros-args", "-p", f"scene:={path}"])
-    assert "\n" not in end.value.code
-    for word in ("scene analogue", "effects.adc", "bits from 1 to 16"):
-        assert word in end.value.code
 
 
 def test_what_changes_with_time_is_that_of_the_stamp(lab, tmp_path):

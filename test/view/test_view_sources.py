@@ -6,7 +6,7 @@ import threading
 
 import numpy as np
 import pytest
-from command_line import begun, ended, run
+from command_line import begun, ended
 from scenes import squared_error
 
 from uuv_optical_array.estimation.estimator import Estimator
@@ -125,17 +125,3 @@ def test_ctrl_c_ends_the_command_in_a_line(scene_file):
         assert process.stdout.readline().startswith("open http://127.0.0.1:18")
         process.send_signal(signal.SIGINT)
         assert ended(process, 130) == ("", "interrupted\n")
-
-
-@pytest.mark.parametrize(
-    ("words", "named", "code"),
-    [
-        (["--address", ":0"], "--address: 0 is out of bounds", 2),
-        (["--screenshot", "/nowhere/view.png"], "make it first", 2),
-        (["--scene", "nosuch"], "neither a .yaml file nor a ready scene", 2),
-        (["/nowhere/bag"], "no such file or folder", 2),
-    ],
-)
-def test_the_command_refuses_before_it_serves(words, named, code, capsys):
-    assert named in run("view", *words, code=code)
-    assert "open http" not in capsys.readouterr().out

@@ -132,19 +132,3 @@ def test_the_least_peak_can_be_given_at_the_start_and_set_while_the_node_runs(
     assert feeder.cloud(2).width == 0
     feeder.send(image, 3)
     feeder.check_answer(image, 3)
-
-
-def test_diagnostics_come_by_themselves_and_tell_of_their_own_period_only(feeder, images):
-    name = feeder.node.get_name()
-
-    def levels():
-        return [status.level for status in feeder.lab.statuses if status.name == name]
-
-    feeder.send(np.zeros((5, 5)), 1)
-    feeder.lab.until(lambda: WARN in levels(), "a warning")
-    feeder.send(images[0], 2)
-    feeder.lab.until(lambda: OK in levels(), "the node to be well again")
-    after_ok = len(levels())
-    feeder.lab.until(lambda: len(levels()) > after_ok, "one more report")
-    assert levels()[after_ok:] == [WARN]
-    feeder.lab.report(feeder.node, WARN, "no input: nothing came for")

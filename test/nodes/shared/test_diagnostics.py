@@ -129,8 +129,10 @@ def test_refusals_are_counted_by_their_kind_since_the_start(bench):
 
 def test_without_input_the_node_warns_and_never_says_stale(bench, monkeypatch):
     since_s = bench.node.diagnostics._heard_s
-    monkeypatch.setattr(diagnostics.time, "monotonic", lambda: since_s + 7.5)
-    status, values = bench.report()
+    bench.send(NOW)
+    for now_s in (since_s + 2.0, since_s + 9.5):
+        monkeypatch.setattr(diagnostics.time, "monotonic", lambda now_s=now_s: now_s)
+        status, values = bench.report()
     assert (status.level, status.message) == (WARN, "no input: nothing came for 7.5 s")
     assert "ros2 topic hz" in values["cure: no input"]
 

@@ -20,6 +20,7 @@ from followers import (
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tracks import turned
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.core.errors import NoPose
@@ -200,10 +201,6 @@ def test_each_command_is_that_of_the_law_written_a_second_time(station_m):
     controller, commands, command = FormationController(s), [(0, np.zeros(5))], np.zeros(5)
     now, newest = 0, None
 
-    def in_beacon(pose, twist):
-        attitude = Rotation.from_euler("ZYX", [pose[4], pose[3], 0])
-        return np.array([*attitude.apply(twist[:3]), *twist[3:]])
-
     def commanded(stamp):
         return next(twist for since, twist in reversed(commands) if since <= stamp)
 
@@ -215,13 +212,13 @@ def test_each_command_is_that_of_the_law_written_a_second_time(station_m):
             rate = rng.standard_normal(5) * [0.3, 0.2, 0.2, 0.1, 0.1]
             if newest is None or stamp > newest[0]:
                 controller.update(stamp * 1e-9, pose, PUBLISHED, rate)
-                newest = stamp, pose, rate - in_beacon(pose, commanded(stamp))
+                newest = stamp, pose, rate - turned(pose, commanded(stamp))
         if newest is None:
             continue
         stamp, pose, leader = newest
         # By milliseconds, of which all stamps are whole numbers.
         own = sum(commanded(ms * 1_000_000) for ms in range(stamp // 1_000_000, now // 1_000_000))
-        present = pose + (now - stamp) * 1e-9 * leader + in_beacon(pose, 1e-3 * own)
+        present = pose + (now - stamp) * 1e-9 * leader + turned(pose, 1e-3 * own)
         wanted = gains * (station - present) - leader
         wanted[:3] = Rotation.from_euler("ZYX", [present[4], present[3], 0]).inv().apply(wanted[:3])
         wanted = np.clip(wanted, -fastest, fastest)

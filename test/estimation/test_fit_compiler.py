@@ -12,6 +12,7 @@ import pytest
 from command_line import begun, python
 from conftest import PATIENCE_S
 from needs import numba
+from scenes import assert_same_estimate
 
 from uuv_optical_array.estimation import fit_compiler
 from uuv_optical_array.estimation.estimator import Estimator
@@ -37,14 +38,6 @@ def images(scene):
     return ForwardModel(scene).expose(POSES, np.random.default_rng(9))
 
 
-def assert_same(one, other):
-    std = np.sqrt(other.covariance.diagonal())
-    np.testing.assert_allclose(one.pose / std, other.pose / std, rtol=0, atol=1e-5)
-    np.testing.assert_allclose(
-        one.covariance / np.outer(std, std), other.covariance / np.outer(std, std), atol=1e-7
-    )
-
-
 @numba
 def test_it_answers_as_it_stands_until_the_compiled_fit_takes_over(
     tmp_path, monkeypatch, compiled_fit, nothing_loaded, scene, images
@@ -57,11 +50,11 @@ def test_it_answers_as_it_stands_until_the_compiled_fit_takes_over(
     with gate.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         estimator = Estimator(scene)
-        assert_same(estimator.estimate(images[0]), plain.estimate(images[0]))
+        assert_same_estimate(estimator.estimate(images[0]), plain.estimate(images[0]))
         assert estimator.state_of_fit == "as it stands: it is being compiled"
     assert estimator.wait() is estimator
     assert estimator.state_of_fit == "compiled"
-    assert_same(estimator.estimate(images[1]), plain.estimate(images[1]))
+    assert_same_estimate(estimator.estimate(images[1]), plain.estimate(images[1]))
 
 
 @numba
@@ -79,7 +72,9 @@ def test_where_the_compiler_fails_the_fit_as_it_stands_goes_on(
     monkeypatch.setattr(fit_compiler, "CODE", code)
     estimator = Estimator(scene).wait()
     assert estimator.state_of_fit == f"as it stands: {reason}"
-    assert_same(estimator.estimate(images[0]), Estimator(scene, compiled=False).estimate(images[0]))
+    assert_same_estimate(
+        estimator.estimate(images[0]), Estimator(scene, compiled=False).estimate(images[0])
+    )
 
 
 @pytest.mark.usefixtures("nothing_loaded")

@@ -53,6 +53,16 @@ def std_m_deg(model, poses):
     return cramer_rao_bound(model, poses).std * [1, 1, 1, *np.degrees([1, 1])]
 
 
+def assert_same_estimate(found, expected):
+    """Compare poses and covariances by the standard deviations."""
+    std = np.sqrt(expected.covariance.diagonal())
+    np.testing.assert_allclose(found.pose / std, expected.pose / std, rtol=0, atol=1e-5)
+    scale = np.outer(std, std)
+    np.testing.assert_allclose(
+        found.covariance / scale, expected.covariance / scale, rtol=0, atol=1e-7
+    )
+
+
 def squared_error(found, pose):
     """Return the squared error of an estimate, normalised by its covariance."""
     off = found.pose - pose

@@ -172,6 +172,7 @@ REFUSED = [
         )
         for kind in ("pose", "odometry")
     ),
+    ("roll", {"orientation_covariance.0": -1.0}, "no orientation"),
     ("twist", {"twist.angular.y": -6.1}, r"out of bounds: twist .*-6\.1.*10 m/s and \+-6 rad"),
     *(
         ("covariance", {"pose.covariance.8": x}, "out of bounds: the pose's")

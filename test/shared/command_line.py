@@ -39,7 +39,7 @@ def run(*words, code=0):
     with contextlib.redirect_stderr(error), pytest.raises(SystemExit) as end:
         main([str(word) for word in words])
     assert (end.value.code or 0) == code, error.getvalue()
-    assert "Traceback" not in error.getvalue()
+    assert "Traceback" not in error, error.getvalue()
     return error.getvalue().splitlines()[-1] if code in (1, 2) and error.getvalue() else ""
 
 
@@ -75,7 +75,7 @@ def ended(process, code=0):
     """Wait for the end of a process with an exit code and no traceback; return what it wrote."""
     out, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == code, (out, error)
-    assert "Traceback" not in error
+    assert "Traceback" not in error, error
     return out, error
 
 

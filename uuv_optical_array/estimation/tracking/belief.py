@@ -94,7 +94,7 @@ class BiasSpace:
         return Biases(kept * biases.mean, np.outer(kept, kept) * biases.covariance + noise)
 
     def shades_drifted(self, motion: Motion, step_s: float) -> Motion:
-        """Let what old shades did to the pose become errors of its own, as others come."""
+        """Return a copy in which what old shades did is an error of its own, as others come."""
         kept = drift(self._hold_s[self.shades], step_s)
         slopes, old = motion.slopes.copy(), motion.slopes[:, self.shades]
         slopes[:, self.shades] = old * kept

@@ -220,10 +220,8 @@ class Tracker:
         newest = self._history[-1][1]
         stamp_ns, (motion, biases, _) = newest.frame.stamp_ns, newest.corrected()
         mean, joint, names = motion.mean, motion.covariance(biases), self._constants.names
-        offsets = self._space.offsets(biases.mean)
-        variances = biases.covariance.diagonal()[self._space.constants]
-        stds = np.array(self._constants.stds) * np.sqrt(variances)
-        learnt = map(Learnt, offsets.tolist(), stds.tolist())
+        offsets, spread = self._offsets(biases)
+        learnt = map(Learnt, offsets.tolist(), np.sqrt(spread.diagonal()).tolist())
         own_motion = self._own_motion_at(stamp_ns, newest)
         own = self._own_motion.twist(stamp_ns) if own_motion == "told" else np.zeros(5)
         if newest.frame.readings is None:
@@ -376,11 +374,10 @@ class Tracker:
             changes.append(RATE_STD)
         noise = [walk_noise(self._rate_walk, step_s)]
         noise += [step_s * np.eye(10, 5) * std + np.eye(10, 5, -5) * std for std in changes]
-        # The attitude's error turns the own motion by so little that the random motion covers it.
         mean, root, slopes = self._space.shades_drifted(before, step_s)
-        mean, root, slopes = mean.copy(), root.copy(), slopes.copy()
         for part in (mean, root, slopes):
             part[POSE] += step_s * part[RATE]
+        # The attitude's error turns the own motion by so little that the random motion covers it.
         if obeys:
             own = self._own_motion.displacement(start_ns, stamp_ns)
             mean[POSE] += in_beacon(before.mean[POSE], own)

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from labels import assert_apart, number_boxes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 from measured import ALL_METHODS, row
 
 from uuv_optical_array.commands import render
@@ -69,23 +68,6 @@ def test_numbers_of_the_tradeoff_lie_apart_and_beside_all_points(factor):
         ticks = [t for t in axes.get_xticklabels() if t.get_window_extent().width > 1]
         shown = [t.get_window_extent() for t in ticks if axes.bbox.x0 <= t.get_window_extent().x0]
         assert all(a.x1 < b.x0 for a, b in itertools.pairwise(shown))
-
-
-def test_names_of_lines_lie_apart_in_their_order_beside_the_axes():
-    figure = Figure()
-    axes = figure.subplots()
-    axes.set_ylim(0, 80)
-    ends = {"a": 31.0, "b": 30.0, "c": 30.5, "d": 70.0}
-    style.label_ends(axes, ends.items())
-    figure.draw_without_rendering()
-    # Without the lines that lead to the ends.
-    boxes = {note.get_text(): Text.get_window_extent(note) for note in axes.texts}
-    assert_apart([(note, boxes[note.get_text()]) for note in axes.texts])
-    assert sorted(boxes, key=lambda name: boxes[name].y0) == ["b", "c", "a", "d"]
-    assert all(box.x0 > axes.bbox.x1 for box in boxes.values())
-    assert [note.xy[1] for note in axes.texts] == pytest.approx(
-        [30 / 80, 30.5 / 80, 31 / 80, 7 / 8]
-    )
 
 
 def test_numbers_stand_beside_their_points_where_there_is_room():

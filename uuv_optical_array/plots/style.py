@@ -161,18 +161,6 @@ def write_table(axes: "Axes", text: str, size: float, spacing: float) -> None:
     axes.text(0, 1, text, va="top", in_layout=False, **words)
 
 
-def label_ends(axes: "Axes", ends: Iterable[tuple[str, float]], gap: float = 0.055) -> None:
-    """Write the name of each line beside its right end, so that none is on another."""
-    low, high = axes.get_ylim()
-    names = sorted(((y - low) / (high - low), name) for name, y in ends)
-    line = {"arrowstyle": "-", "lw": 0.6, "color": "0.4", "shrinkA": 0, "shrinkB": 0}
-    for (height, name), place in zip(names, apart([y for y, _ in names], gap), strict=True):
-        axes.annotate(
-            name, (1.0, height), (1.05, place), "axes fraction", "axes fraction", va="center",
-            fontsize=9, arrowprops=line,
-        )  # fmt: skip
-
-
 def save(figure: "Figure", path: Path) -> None:
     """Write a figure, whole or not at all; ValueError where the name ends in none of `KINDS`."""
     kind = path.suffix.lower()

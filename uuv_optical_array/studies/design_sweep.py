@@ -36,7 +36,7 @@ from uuv_optical_array.studies.shared.separation import (
     Conditions,
     angles_deg,
     from_paper_axes,
-    scene_signature,
+    paper_signature,
 )
 
 # How bright each design's lamp is; `designed` explains.
@@ -329,13 +329,13 @@ def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
 def signature_noise_deg(model: ForwardModel, range_m: float, rng: np.random.Generator) -> float:
     """Return by what angle noise moves the signature of the aligned array, deg, RMS of draws."""
     pose = from_paper_axes([range_m, 0, 0, 0, 0])
-    clean = together(model.expected(pose))
+    clean, peak = together(model.expected(pose)), model.scene.signature.peak
     on_axis_counts = float(clean.max())
-    calm = scene_signature(clean, on_axis_counts, model.scene)
+    calm = paper_signature(clean, on_axis_counts, peak)
     squares = 0.0
     for poses in _blocks(model, np.broadcast_to(pose, (NOISE_DRAWS, 5))):
         readings = together(model.expose(poses, rng))
-        angles = spectral_angle(calm, scene_signature(readings, on_axis_counts, model.scene))
+        angles = spectral_angle(calm, paper_signature(readings, on_axis_counts, peak))
         squares += float((angles**2).sum())
     return math.degrees(math.sqrt(squares / NOISE_DRAWS))
 

@@ -22,30 +22,25 @@ from functools import partial
 from typing import Any, TypeAlias, get_args
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.cli import options, outputs, progress
-from uuv_optical_array.core.geometry import Array, rotation_matrix
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage.formats import columns
-from uuv_optical_array.estimation.signature.features import key_parameters, skewness
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.effects import check_effects
-from uuv_optical_array.forward.effects.water import hanning_blur
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M
-from uuv_optical_array.plots.style import label_ends, new_figure, save, shades
+from uuv_optical_array.plots.style import new_figure, save, shades
 from uuv_optical_array.studies.shared.separation import (
-    RECONSTRUCTION,
     THRESHOLD_DEG,
     UNITS,
     WANTED,
-    Choice,
     Conditions,
     Motion,
     angles_deg,
-    paper_signature,
-    scene_signature,
 )
 
 NOISE_RANGES_M = (4.0, 8.0)
@@ -55,10 +50,9 @@ MOTIONS: tuple[Motion, ...] = get_args(Motion)
 STEPS: dict[Motion, Array] = {"shift": np.arange(31) * 3 / 100, "yaw": np.arange(31) / 1}
 FAR, NEAR = STEPS["shift"][STEPS["shift"] > 0.6], STEPS["shift"][STEPS["shift"] <= 0.6]
 SIDES = (3, 5, 7, 9, 11, 15, 21, 51, 101)  # the paper says 3 to 101
-BEAMS_DEG = 3.0, 4.0, 5.0, 6.0, 8.0  # of other lamps
 SIGNS = {"is": "", "above": "> ", "below": "< "}
 
-# Spectral angles of moves, once scene and choice are fixed.
+# Spectral angles of moves, once the scene is fixed.
 Angles: TypeAlias = Callable[[Conditions, ArrayLike], Array]
 
 
@@ -169,116 +163,23 @@ def least_detected(steps: Array, angles: Array) -> float | None:
     return float(steps[reached.argmax()]) if reached.any() else None
 
 
-def alternatives(rng: np.random.Generator) -> list[Choice]:
-    """Return the reconstruction, and choices that differ from it in one thing each."""
-    return [
-        RECONSTRUCTION,
-        *(Choice(f"beam sigma {deg:g} deg", partial(_beam, sigma_deg=deg)) for deg in BEAMS_DEG),
-        *(Choice(f"attenuation {k:g} /m", partial(_with, attenuation={"k_per_m": k}))
-          for k in (0.05, 0.2)),
-        Choice("no blur", partial(_with, forward_scatter=None)),
-        *(Choice(f"blur {m:g} m wide", partial(_with, forward_scatter={"window_m": m}))
-          for m in (0.1, 0.4)),
-        Choice("blur of 11 detectors always", _blur_of_11_detectors),
-        Choice("blur, dark beyond the border", images=_dark_border),
-        Choice("peak between detectors",
-               signature=lambda images, top, _: paper_signature(images, top, "subdetector")),
-        Choice("column, row from 0",
-               signature=partial(_placed, place=lambda c, n: (c + (n + 1) / 2) / n - 1 / n)),
-        Choice("column, row from the centre", signature=partial(_placed, place=lambda c, n: c / n)),
-        Choice("the same, per half width",
-               signature=partial(_placed, place=lambda c, n: c * (2 / (n - 1)))),
-        Choice("peak over full scale",
-               signature=lambda images, _, it: scene_signature(images, it.full_scale_counts, it)),
-        Choice("sample skewness", signature=_sample_skewness),
-        Choice("skewness of differences", signature=_differences),
-        Choice("moves to port", poses=lambda poses, scene: poses * [1, -1, 1, 1, -1]),
-        Choice("yaw about the array", poses=_about_array),
-        Choice("10 bits", partial(_with, **TEN_BITS), images=ForwardModel.expose),
-        noisy(rng),
-    ]  # fmt: skip
+def noisy(scene: Scene) -> Scene:
+    """Return the scene with readings of 10 bits and a noise of 1 count, and no other noise."""
+    effects = {name: keys for name, keys in scene.effects.items() if name != "shot_noise"}
+    effects |= {"adc": {"bits": 10}, "sensor_noise": {"sigma_counts": 1.0}}
+    return dataclasses.replace(scene, effects=check_effects(effects))
 
 
-TEN_BITS: dict[str, Any] = {"adc": {"bits": 10}, "sensor_noise": None, "shot_noise": None}
-
-
-def noisy(rng: np.random.Generator, draws: int = 25) -> Choice:
-    """Return the choice with noise: 10 bits, 1 count, the mean of `draws` pairs of images."""
+def noise_deg(scene: Scene, at: Conditions, step: float, rng: Generator, draws: int = 25) -> float:
+    """Return the angle of a move between `noisy` readings, deg, the mean of pairs of them."""
 
     def read(model: ForwardModel, poses: Array) -> Array:
         return model.expose(np.broadcast_to(poses, (draws, *poses.shape)), rng)
 
-    change = partial(_with, **TEN_BITS | {"sensor_noise": {"sigma_counts": 1.0}})
-    return Choice("10 bits, noise of 1 count", change, images=read)
+    return float(angles_deg(noisy(scene), at, [step], read)[0])
 
 
-def _beam(scene: Scene, sigma_deg: float) -> Scene:
-    lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=sigma_deg)
-    return dataclasses.replace(scene, lamp=lamp)
-
-
-def _with(scene: Scene, **changed: dict[str, Any] | None) -> Scene:
-    """Change effects, or leave out those that are None."""
-    effects = {**scene.effects, **changed}.items()
-    kept = {name: values for name, values in effects if values is not None}
-    return dataclasses.replace(scene, effects=check_effects(kept))
-
-
-def _blur_of_11_detectors(scene: Scene) -> Scene:
-    spacing_m = scene.array.width_m / (scene.array.detectors_per_side - 1)
-    # The first and the last of the 11 samples are zero.
-    return _with(scene, forward_scatter={"window_m": 10 * spacing_m})
-
-
-def _dark_border(model: ForwardModel, poses: Array) -> Array:
-    """Blur without mirroring: beyond the outermost detectors there is no light."""
-    if not (blur := model.scene.effects.get("forward_scatter")):
-        return model.expected(poses)
-    bare = ForwardModel(_with(model.scene, forward_scatter=None))
-    bare.power = model.power
-    side = model.array.side
-    # The middle of a blur three times as wide meets no mirror.
-    wide = hanning_blur(3 * side, model.array.spacing_m, blur["window_m"])
-    matrix = wide[side : 2 * side, side : 2 * side]
-    return matrix @ bare.expected(poses) @ matrix.T
-
-
-def _about_array(poses: Array, scene: Scene) -> Array:
-    """Turn about the array's centre: it stays where the aligned one is."""
-    bow = rotation_matrix(poses[:, 3], poses[:, 4])[..., 0]
-    moved = scene.array.bow_m * (np.array([1.0, 0.0, 0.0]) - bow)
-    return poses + np.pad(moved, ((0, 0), (0, 2)))
-
-
-def _placed(
-    images: Array, on_axis_counts: float, scene: Scene, place: Callable[[Array, int], Array]
-) -> Array:
-    """Find column and row from those off the centre, of n."""
-    vectors = key_parameters(images, on_axis_counts, scene.signature.peak)
-    vectors[..., 1:3] = place(vectors[..., 1:3], images.shape[-1])
-    return vectors
-
-
-def _sample_skewness(images: Array, on_axis_counts: float, scene: Scene) -> Array:
-    vectors = scene_signature(images, on_axis_counts, scene)
-    n = images.shape[-1]
-    vectors[..., 3:] *= np.sqrt(n * (n - 1)) / (n - 2)
-    return vectors
-
-
-def _differences(images: Array, on_axis_counts: float, scene: Scene) -> Array:
-    """Take differences of neighbours, one fewer than detectors, for the gradient."""
-    vectors = scene_signature(images, on_axis_counts, scene)
-    peak = key_parameters(images, on_axis_counts, "detector")[..., 1:3]
-    column, row = np.moveaxis((peak + (images.shape[-1] - 1) / 2).round().astype(int), -1, 0)
-    horizontal = np.take_along_axis(images, row[..., None, None], axis=-2)[..., 0, :]
-    vertical = np.take_along_axis(images, column[..., None, None], axis=-1)[..., 0]
-    vectors[..., 3] = skewness(np.diff(horizontal))
-    vectors[..., 4] = skewness(np.diff(vertical))
-    return vectors
-
-
-def size_row(scene: Scene, side: int, noise: Choice) -> dict[str, Any]:
+def size_row(scene: Scene, side: int, rng: Generator) -> dict[str, Any]:
     """Return the angles of a curved array at 4 m, the least detected moves and the noise."""
     row: dict[str, Any] = {"detectors_per_side": side}
     for motion in MOTIONS:
@@ -288,8 +189,8 @@ def size_row(scene: Scene, side: int, noise: Choice) -> dict[str, Any]:
         row[f"angle_deg_at_{name}"] = float(angles[-1])
         row[f"least_{motion}_{UNITS[motion]}"] = least_detected(steps[:-1], angles[:-1])
     for range_m in NOISE_RANGES_M:
-        still = angles_deg(scene, Conditions("curved", side, range_m, "shift"), [0.0], noise)
-        row[f"noise_deg_at_{range_m:g}_m"] = float(still[0])
+        at = Conditions("curved", side, range_m, "shift")
+        row[f"noise_deg_at_{range_m:g}_m"] = noise_deg(scene, at, 0.0, rng)
     return row
 
 
@@ -305,24 +206,15 @@ def reproduce(
     """
     rng, curves = np.random.default_rng(seed), panels()
     figures: dict[str, Any] = {panel: {"points": [], "curves": []} for panel in curves}
-    result |= {"complete": False, "figures": figures, "sizes": [], "choices": []}
+    result |= {"complete": False, "figures": figures, "sizes": []}
     angles = partial(angles_deg, scene)
     for statement in progress(STATEMENTS, "point"):
         figures[statement.figure]["points"].append(statement.row(statement.ours(angles)))
     for side in progress(SIDES, "size"):
-        result["sizes"].append(size_row(scene, side, noisy(rng)))
+        result["sizes"].append(size_row(scene, side, rng))
     for panel, at in progress([(name, at) for name in curves for at in curves[name]], "curve"):
         steps = STEPS[at.motion]
         figures[panel]["curves"].append({**at.as_object(steps), "angle_deg": angles(at, steps)})
-    for choice in progress(alternatives(rng), "choice"):
-        chosen = partial(angles_deg, scene, choice=choice)
-        points = {f"{s.figure} {s.text}": s.ours(chosen) for s in STATEMENTS}
-        pairs = list(zip(STATEMENTS, points.values(), strict=True))
-        off = [ours - s.paper for s, ours in pairs if s.relation == "is" and s.paper is not None]
-        row: dict[str, Any] = {"choice": choice.text, "ours_deg": points}
-        row["met"] = sum(s.met(ours) is True for s, ours in pairs)
-        row["rms_deg"] = float(np.sqrt(np.mean(np.square(off))))
-        result["choices"].append(row)
     result["complete"] = True
 
 
@@ -350,11 +242,6 @@ def report(result: Mapping[str, Any]) -> str:
             angles = _number(at_shift), _number(at_yaw)
             rows.append((f"{side} x {side}", *angles, *least, *map(_number, noisy_deg)))
         lines.append(columns(rows))
-    if result["choices"]:
-        met = "Other choices, one at a time. met: how many of the six < and >;"
-        lines += ["", met, "rms: of the differences from the five stated angles."]
-        rows = [(row["choice"], row["met"], f"{row['rms_deg']:.1f}") for row in result["choices"]]
-        lines.append(columns([("choice", "met", "rms (deg)"), *rows]))
     return "\n".join(lines)
 
 
@@ -367,6 +254,7 @@ FREE = {
     ("6b", "above"): (0.6, 0.08),
     ("6e", "above"): (0.6, 0.08),
 }
+BESIDE: Any = {"loc": "upper left", "bbox_to_anchor": (1, 1), "fontsize": 9, "frameon": False}
 AXES: dict[Motion, str] = {"shift": "shift to starboard (m)", "yaw": "yaw (deg)"}
 
 
@@ -393,15 +281,13 @@ def draw(figures: Mapping[str, Any], scene_name: str) -> Any:
         axes.set(xlabel=AXES[motion], xlim=(0, STEPS[motion][-1]))
         axes.set_ylim(0, 80 if motion == "shift" else 60)
         axes.grid(alpha=0.3)
-        # Dark for many detectors and for far, so that grey tells it, too; names at the ends.
-        ends = []
+        # Dark for many detectors and for far, so that grey tells it, too.
         for curve, shade in zip(curves, shades("viridis", 0.85, 0, len(curves)), strict=True):
             names = {"4": curve["array"], "5": f"{curve['detectors_per_side']}"}
             dashed = "--" if curve["array"] == "planar" else "-"
-            axes.plot(STEPS[motion], curve["angle_deg"], color=shade, lw=1.8, ls=dashed)
             name = names.get(panel[0], f"{curve['range_m']:g} m")
-            ends.append((name, float(curve["angle_deg"][-1])))
-        label_ends(axes, ends)
+            axes.plot(STEPS[motion], curve["angle_deg"], dashed, color=shade, lw=1.8, label=name)
+        axes.legend(**BESIDE)
         _draw_statements(axes, panel, motion)
     ours = f"our curves (scene {scene_name}); in black, what the text states"
     picture.suptitle(f"Eren et al. (2016), Figs 4 to 6: {ours}", fontsize=13)
@@ -456,7 +342,7 @@ def run(args: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         if not result["figures"]["4a"]["points"]:
             raise
-    if result["choices"]:  # which follow all curves
+    if result["complete"]:
         result["picture"] = str(output)
         save(draw(result["figures"], scene.name), output)
     picture = f"picture: {output}" if result["picture"] else "no picture"

@@ -7,7 +7,7 @@ spectral angle (eq. 13) is taken between the signatures before and after.
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,8 @@ from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION
 
 Motion = Literal["shift", "yaw"]
+# Reads n poses ``(n, 5)`` by a model, counts, ``(..., n, side, side)``.
+Read: TypeAlias = Callable[[ForwardModel, Array], Array]
 UNITS: dict[Motion, str] = {"shift": "m", "yaw": "deg"}
 # What the paper wants detected, in these units, and the angle from which it calls a move detected.
 WANTED: dict[Motion, float] = {"shift": float(SPECIFICATION[Y]), "yaw": float(SPECIFICATION[YAW])}
@@ -35,7 +37,7 @@ def from_paper_axes(poses: ArrayLike) -> Array:
 
 
 def paper_signature(
-    images: Array, on_axis_counts: float, peak: Literal["detector", "subdetector"] = "detector"
+    images: Array, on_axis_counts: float, peak: Literal["detector", "subdetector"]
 ) -> Array:
     """Scale the five key parameters as the paper's figures seem to, shape ``(..., 5)``.
 
@@ -47,29 +49,6 @@ def paper_signature(
     vectors = key_parameters(images, on_axis_counts, peak)
     vectors[..., 1:3] = (vectors[..., 1:3] + (side + 1) / 2) / side
     return vectors
-
-
-def scene_signature(images: Array, on_axis_counts: float, scene: Scene) -> Array:
-    """Return `paper_signature` with the peak where the scene places it."""
-    return paper_signature(images, on_axis_counts, scene.signature.peak)
-
-
-@dataclass(frozen=True)
-class Choice:
-    """One way to fill in what the paper leaves open.
-
-    Images have shape ``(..., n, side, side)``; the mean spectral angle over the leading axes
-    counts. A signature takes images, the on-axis reading and the scene to vectors ``(..., 5)``.
-    """
-
-    text: str
-    scene: Callable[[Scene], Scene] = lambda scene: scene  # with its array's shape and size already
-    poses: Callable[[Array, Scene], Array] = lambda poses, scene: poses
-    images: Callable[[ForwardModel, Array], Array] = ForwardModel.expected
-    signature: Callable[[Array, float, Scene], Array] = scene_signature
-
-
-RECONSTRUCTION = Choice("as reconstructed")
 
 
 @dataclass(frozen=True)
@@ -89,27 +68,28 @@ class Conditions:
 
 
 def angles_deg(
-    scene: Scene, conditions: Conditions, steps: ArrayLike, choice: Choice = RECONSTRUCTION
+    scene: Scene, conditions: Conditions, steps: ArrayLike, read: Read = ForwardModel.expected
 ) -> Array:
     """Return spectral angles between the aligned array and the moved one, deg, ``(n,)``.
 
-    The steps ``(n,)`` are shifts to starboard in m, or turns of the bow to starboard in deg. nan
-    where the aligned image is flat, so that rounding alone decides where its peak is; a ValueError
-    says that a signature has no direction, or that the scene cannot have such an array.
+    The steps ``(n,)`` are shifts to starboard in m, or turns of the bow to starboard in deg; the
+    mean over the leading axes of what is read counts. nan where the aligned image is flat, so that
+    rounding alone decides where its peak is; a ValueError says that a signature has no direction,
+    or that the scene cannot have such an array.
     """
     shaped = scene.array.with_shape(conditions.shape)
     array = dataclasses.replace(shaped, detectors_per_side=conditions.side, wiring=None)
-    model = ForwardModel(choice.scene(dataclasses.replace(scene, array=array)))
+    model = ForwardModel(dataclasses.replace(scene, array=array))
     steps = np.asarray(steps, dtype=float)
     in_paper_axes = np.zeros((1 + len(steps), 5))
     in_paper_axes[:, X] = conditions.range_m
     dof, size = (Y, steps) if conditions.motion == "shift" else (YAW, np.radians(steps))
     in_paper_axes[1:, dof] = size
-    poses = choice.poses(from_paper_axes(in_paper_axes), model.scene)
+    poses = from_paper_axes(in_paper_axes)
     on_axis_counts = float(together(model.expected(poses[0])).max())
-    images = together(choice.images(model, poses))
+    images = together(read(model, poses))
     if np.ptp(images[..., 0, :, :]) <= FLAT * on_axis_counts:
         return np.full(len(steps), np.nan)
-    vectors = choice.signature(images, on_axis_counts, model.scene)
+    vectors = paper_signature(images, on_axis_counts, scene.signature.peak)
     angles = np.degrees(spectral_angle(vectors[..., :1, :], vectors[..., 1:, :]))
     return angles.reshape(-1, len(steps)).mean(axis=0)

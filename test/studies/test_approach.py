@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import json
 
 import command_line
 import numpy as np
@@ -21,12 +20,10 @@ from uuv_optical_array.studies.approach import (
     FRAMES,
     METHODS,
     ApproachErrors,
-    Choices,
     all_cases,
     as_object,
     assumed_scene,
     by_docking,
-    comparison,
     draw_offsets,
     expose,
     simulate,
@@ -80,59 +77,42 @@ def test_the_vehicle_moves_along_its_heading(name):
     np.testing.assert_allclose(ways, headings, atol=1e-4)
 
 
-@pytest.mark.parametrize("share", [1.0, 0.5])
-def test_offsets_have_the_papers_spread(share):
-    drawn = draw_offsets(Choices(offset_share=share), 20_000, np.random.default_rng(1))
+def test_offsets_have_the_papers_spread():
+    drawn = draw_offsets(20_000, np.random.default_rng(1))
     degrees = np.expm1(drawn["lamp.power"]) / (-2 / 576)
-    for values, std in ((degrees, 3 * share), (drawn["attenuation.k_per_m"], 0.015 * share)):
+    for values, std in ((degrees, 3), (drawn["attenuation.k_per_m"], 0.015)):
         assert kstest(values, norm(0, std).cdf).pvalue > 1e-3
     both = np.corrcoef(drawn["lamp.power"], drawn["attenuation.k_per_m"])[0, 1]
     assert abs(both) < 4 / np.sqrt(20_000)
 
 
-@pytest.mark.parametrize(
-    ("noise", "mean", "std"),
-    [
-        ("uniform", WIDTH / 2, WIDTH / 12**0.5),
-        ("gaussian", 0.0, WIDTH),
-        ("averaged", WIDTH / 2, ((WIDTH**2 / 12 + 1 / 12) / 10) ** 0.5),
-    ],
-)
-def test_noise_is_the_one_named_and_the_estimator_assumes_it(tank, noise, mean, std):
+def test_noise_is_uniform_and_the_estimator_assumes_its_spread(tank):
     case = CASES["zigzag"]
-    scene = assumed_scene(tank, case, Choices(noise))
+    scene = assumed_scene(tank, case)
     # Without the converter, whose rounding is taken into account apart.
     effects = {name: values for name, values in scene.effects.items() if name != "adc"}
-    plain = dataclasses.replace(scene, effects=effects)
-    model = ForwardModel(scene if noise == "averaged" else plain)
     rng = np.random.default_rng(2)
-    sea = draw_offsets(Choices(noise), 30, rng)
-    images = expose(model, case.path, sea, noise, rng)
+    sea = draw_offsets(30, rng)
+    plain = ForwardModel(dataclasses.replace(scene, effects=effects))
+    images = expose(plain, case.path, sea, rng)
     assert images.shape == (30, FRAMES, 5, 5)
-    ambient = scene.effects["ambient"]["level_counts"]
-    dark = dataclasses.replace(plain, effects={**effects, "ambient": {"level_counts": 0.0}})
-    lit = ForwardModel(dark)
+    assert scene.effects["ambient"]["level_counts"] == pytest.approx(WIDTH / 2)
+    dark = {**effects, "ambient": {"level_counts": 0.0}}
+    lit, std = ForwardModel(dataclasses.replace(scene, effects=dark)), WIDTH / 12**0.5
     for index in range(30):
         off = {name: np.full(FRAMES, values[index]) for name, values in sea.items()}
         residual = (images[index] - lit.light(case.path, 0.0, off))[images[index] < 1000]
-        assert abs(residual.mean() - mean) < 6 * std / np.sqrt(len(residual))
-    assert residual.std() == pytest.approx(std, rel=0.1)
-    assert ambient == pytest.approx(mean)
-    if noise == "uniform":
-        assert kstest(residual, uniform(0, WIDTH).cdf).pvalue > 1e-3
+        assert kstest(residual, uniform(0, WIDTH).cdf).pvalue > 1e-4
         assert residual.min() >= 0
         assert residual.max() <= WIDTH
     # The variance that the estimator assumes of a reading, rounding included.
     variance, slope = ForwardModel(scene).variance(np.array(500.0))
-    rounding = 0 if noise == "averaged" else 1 / 12
-    assert variance == pytest.approx(std**2 + rounding, rel=1e-9)
+    assert variance == pytest.approx(std**2 + 1 / 12, rel=1e-9)
     assert slope == 0
 
 
 def test_the_lamp_stays_the_same_in_murkier_water(tank):
-    clear, murky = (
-        assumed_scene(tank, CASES[name], Choices()) for name in ("zigzag", "zigzag, murky")
-    )
+    clear, murky = (assumed_scene(tank, CASES[name]) for name in ("zigzag", "zigzag, murky"))
     poses = CASES["zigzag"].path
     clear_light, murky_light = (
         ForwardModel(scene).light(poses) - scene.effects["ambient"]["level_counts"]
@@ -149,7 +129,7 @@ def test_a_scene_without_attenuation_is_refused(tank):
     prior = dataclasses.replace(tank.prior, k_std_per_m=0.0)
     clear = dataclasses.replace(tank, effects=effects, prior=prior)
     with pytest.raises(ValueError, match=r"no effects.attenuation; add it"):
-        assumed_scene(clear, CASES["dive"], Choices())
+        assumed_scene(clear, CASES["dive"])
 
 
 def test_statistics_of_planted_errors_are_the_closed_ones():
@@ -200,12 +180,12 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(tank, tank_file, tmp
             raise KeyboardInterrupt
 
     # An interrupt keeps the batches before it.
-    again = simulate(tank, CASES["dive"], Choices(), 3, np.random.default_rng(1), stop, batch=1)
+    again = simulate(tank, CASES["dive"], 3, np.random.default_rng(1), stop, batch=1)
     assert (batches, again.runs) == ([1, 1], 2)
     assert all(errors.shape == (2, FRAMES, 5) for errors in again.errors.values())
     again.errors.update({method: errors[:1] for method, errors in again.errors.items()})
     assert result["cases"]["dive"] == as_object(CASES["dive"], again)
-    assert (result["asked_runs"], result["noise"], result["offsets"]) == (1, "uniform", "whole")
+    assert (result["asked_runs"], result["seed"]) == (1, 1)
     (case,) = result["cases"].values()
     assert case["runs"] == 1
     assert case["published"]["end_95"]["x_m"] == CASES["dive"].end_95[0]
@@ -218,9 +198,8 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(tank, tank_file, tmp
     assert abs(case["methods"]["docking"]["mean_end"]["x_m"]) < 0.5
 
 
-def planted(runs, error=0.0):
-    falling = np.broadcast_to(error * np.linspace(2, 1, FRAMES)[:, None], (runs, FRAMES, 5))
-    errors = dict.fromkeys(METHODS, falling)
+def planted(runs):
+    errors = dict.fromkeys(METHODS, np.zeros((runs, FRAMES, 5)))
     return ApproachErrors(errors, np.ones((FRAMES, 5)), np.ones((FRAMES, 5)))
 
 
@@ -230,7 +209,7 @@ def test_a_case_that_was_cut_short_is_the_last_and_is_printed(
 ):
     monkeypatch.setattr(approach, "simulate", lambda *_: planted(2))
     for runs, names in ((2, list(CASES)), (3, ["dive"])):
-        cases, whole = until_interrupted(all_cases(None, Choices(), runs, 1))
+        cases, whole = until_interrupted(all_cases(None, runs, 1))
         assert ([name for name, _ in cases], whole) == (names, runs == 2)
     run("--scene", tank_file, "--runs", 3, "--output", tmp_path / "cut.png", code=130)
     text = capsys.readouterr().out
@@ -242,41 +221,8 @@ def test_a_case_that_was_cut_short_is_the_last_and_is_printed(
     assert aim.split()[2:] == ["0.086", "0.040", "0.056", "1.000", "1.000"]
 
 
-@pytest.mark.usefixtures("sketched")
-def test_choices_are_those_that_are_named_or_all_are_compared(
-    tank_file, tmp_path, capsys, monkeypatch
-):
-    simulated = []
-
-    def simulate(tank, case, choices, *_):
-        simulated.append((tank.lamp.beam_sigma_deg, choices.noise, choices.offset_share))
-        return planted(1, 0.25)
-
-    monkeypatch.setattr(approach, "simulate", simulate)
-    words = ("--scene", tank_file, "--runs", 1, "--output", tmp_path / "a.png", "--json")
-    run(*words, "--choices", "gaussian", "half")
-    result = json.loads(capsys.readouterr().out)
-    assert (result["noise"], result["offsets"]) == ("gaussian", "half")
-    assert simulated == [(8.0, "gaussian", 0.5)] * 3
-    error = run(*words, "--choices", "gaussian", "averaged", code=2)
-    assert "--choices: gaussian and averaged exclude each other; leave one out" in error
-    simulated.clear()
-    rows = json_of(run, "--scene", tank_file, "--choices", "--runs", 1)["rows"]
-    assert len(comparison(rows).splitlines()) == 1 + 3 * (1 + 5 * len(METHODS))
-    assert simulated[::3] == [
-        (8.0, "uniform", 1.0),
-        (8.0, "gaussian", 1.0),
-        (8.0, "averaged", 1.0),
-        (8.0, "uniform", 0.5),
-        (15.0, "uniform", 1.0),
-    ]
-    assert len(rows) == 15
-    moments = rows[0]["methods"]["moments"]
-    assert [moments[key]["x_m"] for key in ("start_95", "end_95")] == pytest.approx([0.5, 0.25])
-
-
 def test_the_docking_smoother_beats_the_tracker_and_single_images(tank):
-    result = simulate(tank, CASES["dive"], Choices(), 5, np.random.default_rng(6))
+    result = simulate(tank, CASES["dive"], 5, np.random.default_rng(6))
     last = {m: np.sqrt(np.nanmean(result.errors[m][:, -10:] ** 2, axis=(0, 1))) for m in METHODS}
     assert (last["docking"][1:] < last["least_squares"][1:]).all()
     assert (last["docking"][:3] < last["moments"][:3] / 3).all()

@@ -7,18 +7,15 @@ beside those of the published method built again (moments), of single images (le
 these tracked (tracker), and of a smoother that takes lamp and water for constant (docking).
 docs/results/approach.md explains every choice.
 
-  uuv_array study approach                      100 runs of each case
-  uuv_array study approach --runs 2000          as many as the paper
-  uuv_array study approach --choices gaussian   1 % as a standard deviation
-  uuv_array study approach --choices --runs 60  what each choice changes, at the end of a run
+  uuv_array study approach              100 runs of each case
+  uuv_array study approach --runs 2000  as many as the paper
 Ctrl-C ends it early and reports the complete runs.
 """
 
 import argparse
-import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -47,8 +44,7 @@ FRAMES = round((FAR_M - NEAR_M) / SPEED_M_PER_S * RATE_HZ) + 1
 TIMES_S = STEP_S * np.arange(FRAMES)
 RANGES_M = FAR_M - SPEED_M_PER_S * TIMES_S
 TURN_RATE_DEG_PER_S = 10.0
-NOISE_COUNTS = 0.01 * 1023.0  # 1 % of full scale
-AVERAGED = 10
+NOISE_COUNTS = 0.01 * 1023.0  # 1 % of full scale: uniform from 0 on
 # 2 mV of 576 mV for each degree by which the water's temperature is off.
 GAIN_PER_C = -2 / 576
 TEMPERATURE_C, K_PER_M = 3.0, 0.015
@@ -59,12 +55,8 @@ DOCKING = {"speed_walk_m_per_s": 0.005, "slip_m": 0.005}
 METHODS = ("moments", "least_squares", "tracker", "docking")
 PUBLISHED = "mean_end", "start_95", "end_95"  # errors, as of a `Case`
 PRINTED = {"mean_end": "mean error at the end", "end_95": "95 % of errors at the end"}
-HALF, SEED = 0.5, 1
-CUT_SHORT = "only complete runs count"
+SEED = 1
 SIGMA_95 = 1.96
-WIDE_BEAM_DEG = 15.0
-
-Noise = Literal["uniform", "gaussian", "averaged"]
 # The aim is this many times smaller than the published errors at the end: position, angles.
 AIM = np.array([5, 5, 5, 1, 1])
 
@@ -104,16 +96,7 @@ CASES = {
 }
 
 
-class Choices(NamedTuple):
-    """What the paper leaves open."""
-
-    # 1 % is uniform from 0 on, a Gaussian standard deviation, or the mean of some uniform ones.
-    noise: Noise = "uniform"
-    # The standard deviation of what is off "by up to" so much: 0.5 where that is the 95 % point.
-    offset_share: float = 1.0
-
-
-def assumed_scene(scene: Scene, case: Case, choices: Choices) -> Scene:
+def assumed_scene(scene: Scene, case: Case) -> Scene:
     """Return the scene that the estimators assume, with the uncertainty of its settings.
 
     The lamp of the tank stays the same, whatever the water. The mean of unipolar noise is an
@@ -121,11 +104,6 @@ def assumed_scene(scene: Scene, case: Case, choices: Choices) -> Scene:
     """
     if "attenuation" not in scene.effects:
         raise ValueError(f"scene {scene.name}: no effects.attenuation; add it")
-    width = NOISE_COUNTS
-    level, sigma = (0.0, width) if choices.noise == "gaussian" else (width / 2, width / 12**0.5)
-    if choices.noise == "averaged":
-        # The scene adds a whole rounding to a mean of which each reading was rounded.
-        sigma = ((sigma**2 + 1 / 12) / AVERAGED - 1 / 12) ** 0.5
     settings = scene.settings()
     settings["effects"]["ambient"] = {"level_counts": 0.0}
     # The reading that the same lamp gives in the water of the case.
@@ -135,36 +113,29 @@ def assumed_scene(scene: Scene, case: Case, choices: Choices) -> Scene:
     dark = ForwardModel(scene_from_settings(settings, scene.name))
     lamp["reference_counts"] = float(dark.light(aligned, 0.0, off).max())
     settings["effects"]["attenuation"]["k_per_m"] = case.k_per_m
-    settings["effects"]["ambient"]["level_counts"] = level
-    settings["effects"]["sensor_noise"] = {"sigma_counts": sigma}
+    settings["effects"]["ambient"]["level_counts"] = NOISE_COUNTS / 2
+    settings["effects"]["sensor_noise"] = {"sigma_counts": NOISE_COUNTS / 12**0.5}
     settings["prior"] = {
-        "lamp_power_std": choices.offset_share * TEMPERATURE_C * abs(GAIN_PER_C),
-        "k_std_per_m": choices.offset_share * K_PER_M,
+        "lamp_power_std": TEMPERATURE_C * abs(GAIN_PER_C),
+        "k_std_per_m": K_PER_M,
     }
     return scene_from_settings(settings, scene.name)
 
 
-def draw_offsets(choices: Choices, runs: int, rng: Generator) -> dict[str, Array]:
+def draw_offsets(runs: int, rng: Generator) -> dict[str, Array]:
     """Draw the offsets of each run: of the logarithm of the gain, and of the attenuation, 1/m."""
-    degrees = rng.normal(0.0, choices.offset_share * TEMPERATURE_C, runs)
-    k_per_m = rng.normal(0.0, choices.offset_share * K_PER_M, runs)
+    degrees = rng.normal(0.0, TEMPERATURE_C, runs)
+    k_per_m = rng.normal(0.0, K_PER_M, runs)
     return {"lamp.power": np.log1p(GAIN_PER_C * degrees), "attenuation.k_per_m": k_per_m}
 
 
-def expose(
-    model: ForwardModel, path: Array, offsets: dict[str, Array], noise: Noise, rng: Generator
-) -> Array:
+def expose(model: ForwardModel, path: Array, offsets: dict[str, Array], rng: Generator) -> Array:
     """Expose all images of n runs with `draw_offsets`, counts, ``(n, frames, side, side)``."""
     shape = (len(offsets["lamp.power"]), len(path))
     spread = {name: np.broadcast_to(off[:, None], shape) for name, off in offsets.items()}
     light = model.light(np.broadcast_to(path, (*shape, 5)), 0.0, spread)
-    if noise == "gaussian":
-        return model.converted(light + NOISE_COUNTS * rng.standard_normal(light.shape))
-    total, readings = np.zeros_like(light), AVERAGED if noise == "averaged" else 1
-    for _ in range(readings):
-        # The mean of unipolar noise is in the light, as an ambient level.
-        total += model.converted(light + NOISE_COUNTS * (rng.random(light.shape) - 0.5))
-    return total / readings
+    # The mean of the noise is in the light, as an ambient level.
+    return model.converted(light + NOISE_COUNTS * (rng.random(light.shape) - 0.5))
 
 
 class ApproachErrors(NamedTuple):
@@ -200,7 +171,6 @@ class ApproachErrors(NamedTuple):
 def simulate(
     scene: Scene,
     case: Case,
-    choices: Choices,
     runs: int,
     rng: Generator,
     done: Callable[[int], object] = lambda runs: None,
@@ -210,7 +180,7 @@ def simulate(
 
     Ctrl-C ends it with the complete batches, and is raised before the first.
     """
-    model = ForwardModel(assumed_scene(scene, case, choices))
+    model = ForwardModel(assumed_scene(scene, case))
     moments = calibrate(model, rng)
     estimator = Estimator(model.scene, "least_squares").wait()
     motion = Motion(model, STEP_S, **DOCKING)
@@ -218,8 +188,8 @@ def simulate(
     def batches() -> Iterator[Array]:
         for start in range(0, runs, batch):
             count = min(batch, runs - start)
-            offsets = draw_offsets(choices, count, rng)
-            images = expose(model, case.path, offsets, choices.noise, rng)
+            offsets = draw_offsets(count, rng)
+            images = expose(model, case.path, offsets, rng)
             single, tracked = _by_least_squares(estimator, images)
             docking = by_docking(motion, images, single[:, 0])
             yield np.stack([dead_reckoned(moments.poses(images)), single, tracked, docking])
@@ -254,28 +224,15 @@ def by_docking(motion: Motion, images: Array, first: Array) -> Array:
     return poses
 
 
-def alternatives(scene: Scene) -> dict[str, tuple[Scene, Choices]]:
-    """Return the choices that are compared where the paper leaves one open, by name."""
-    lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=WIDE_BEAM_DEG)
-    return {
-        "as by default": (scene, Choices()),
-        "noise gaussian": (scene, Choices("gaussian")),
-        "noise averaged": (scene, Choices("averaged")),
-        "offsets half": (scene, Choices(offset_share=HALF)),
-        f"beam {WIDE_BEAM_DEG:g} deg": (dataclasses.replace(scene, lamp=lamp), Choices()),
-    }
-
-
 def all_cases(
     scene: Scene,
-    choices: Choices,
     runs: int,
     seed: int,
     done: Callable[[int], object] = lambda runs: None,
 ) -> Iterator[tuple[str, ApproachErrors]]:
     """Yield the errors of case after case, each from the same seed; Ctrl-C after fewer runs."""
     for name, case in CASES.items():
-        result = simulate(scene, case, choices, runs, np.random.default_rng(seed), done)
+        result = simulate(scene, case, runs, np.random.default_rng(seed), done)
         yield name, result
         if result.runs < runs:
             raise KeyboardInterrupt
@@ -327,29 +284,6 @@ def report(name: str, case: Mapping[str, Any]) -> str:
     counts = (f"{method} {values['without_pose']}" for method, values in case["methods"].items())
     without = f"frames without a pose, of {case['runs'] * FRAMES}: {', '.join(counts)}"
     return f"{columns(rows)}\n{without}"
-
-
-def compare(scene: Scene, runs: int, seed: int) -> Iterator[dict[str, Any]]:
-    """Yield every choice in every case, as `as_object`, as far as `all_cases` comes."""
-    plans = alternatives(scene)
-    with progress.counter(total=runs * len(plans) * len(CASES), unit="run") as bar:
-        for choice, (tank, choices) in plans.items():
-            for name, result in all_cases(tank, choices, runs, seed, bar.update):
-                yield {"choice": choice, "case": name, **as_object(CASES[name], result)}
-
-
-def comparison(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the rows of `compare` as a table of the 95 % errors at the end."""
-    lines: list[Sequence[str]] = [("case", "choice", "method", *DOF_NAMES)]
-    for name in CASES:
-        of_case = [row for row in rows if row["case"] == name]
-        for row in of_case[:1]:
-            lines.append((name, "", *_row("published", row["published"]["end_95"])))
-        for row in of_case:
-            for method, values in row["methods"].items():
-                choice = row["choice"] if method == METHODS[0] else ""
-                lines.append(("", choice, *_row(method, values["end_95"])))
-    return columns(lines, 3)
 
 
 PUBLISHED_COLOUR = "#e08a00"
@@ -405,38 +339,21 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "eren2017_tank")
     options.add_number(parser, "runs", Quantity("runs of each case", "", 1, 1e6), 100)
-    about = (
-        "noise of 1 %%: uniform from 0 to 1 %% (default), Gaussian with that standard "
-        "deviation, or averaged over 10 uniform readings; half: half the offsets of temperature "
-        "and attenuation; nothing named: compare all at the end of a run"
-    )
-    parser.add_argument("--choices", nargs="*", choices=(*get_args(Noise), "half"), help=about)
     options.add_json(parser)
     outputs.add_picture(parser, "approach.png")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the cases, print them and draw them."""
-    runs, named = args.runs, args.choices or ()
-    kinds = [kind for kind in get_args(Noise) if kind in named] or [Choices().noise]
-    if len(kinds) > 1:
-        both = " and ".join(kinds)
-        raise options.OptionError(f"--choices: {both} exclude each other; leave one out")
-    choices = Choices(kinds[0], HALF if "half" in named else 1.0)
-    scene = options.scene_of(args)
+    runs, scene = args.runs, options.scene_of(args)
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
-    origin: dict[str, Any] = {"scene": scene.name, "seed": SEED, "asked_runs": runs}
-    if args.choices == []:
-        rows, whole = until_interrupted(compare(scene, runs, SEED))
-        return outputs.finish(args, origin | {"rows": rows}, comparison(rows), whole, CUT_SHORT)
     with progress.counter(total=runs * len(CASES), unit="run") as bar:
-        done, whole = until_interrupted(all_cases(scene, choices, runs, SEED, bar.update))
+        done, whole = until_interrupted(all_cases(scene, runs, SEED, bar.update))
     results = dict(done)
     cases = {name: as_object(CASES[name], result) for name, result in done}
-    offsets = "half" if choices.offset_share == HALF else "whole"
-    about = f"noise {choices.noise}, offsets {offsets}, seed {SEED}"
-    save(draw(results, about), output)
-    origin |= {"noise": choices.noise, "offsets": offsets, "cases": cases, "picture": str(output)}
+    save(draw(results, f"seed {SEED}"), output)
+    result = {"scene": scene.name, "seed": SEED, "asked_runs": runs, "cases": cases}
+    result |= {"picture": str(output)}
     tables = "\n\n".join(report(name, case) for name, case in cases.items())
-    text = f"scene {scene.name}; {about}\n\n{tables}\npicture: {output}"
-    return outputs.finish(args, origin, text, whole, CUT_SHORT)
+    text = f"scene {scene.name}; seed {SEED}\n\n{tables}\npicture: {output}"
+    return outputs.finish(args, result, text, whole, "only complete runs count")

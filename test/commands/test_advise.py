@@ -16,8 +16,8 @@ from uuv_optical_array.commands.advise import Need, advise, calibrating
 from uuv_optical_array.forward.prior import PriorSettings
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.studies import tradeoff
-from uuv_optical_array.studies.shared.results import Results
-from uuv_optical_array.studies.tradeoff import Measurement, origin_of
+from uuv_optical_array.studies.shared.results import write
+from uuv_optical_array.studies.tradeoff import origin_of
 
 NEED = Need(rate_hz=10.0, position_m=0.2, angle_deg=10.0)
 
@@ -47,7 +47,7 @@ def folder(scene, tmp_path):
         row("sam", 5, 1024, position=0.6, p99=0.5),
         row(side=7, position=0.05, angle=1.0, p99=20.0),
     ]
-    Results(tmp_path / "tradeoff.csv", Measurement, origin_of(scene, "quick", 3)).append(rows)
+    write(tmp_path / "tradeoff.csv", origin_of(scene, "quick"), [vars(one) for one in rows])
     return tmp_path
 
 
@@ -130,26 +130,34 @@ def test_command_says_that_no_setting_meets_the_need_and_by_how_much(folder, cap
 @pytest.mark.parametrize("field", ["fingerprint", "machine"])
 def test_measurements_of_elsewhere_are_not_used(field, scene, tmp_path, capsys, monkeypatch):
     origin = origin_of(scene, "quick") | {field: "another"}
-    Results(tmp_path / "tradeoff.csv", Measurement, origin).append([row(side=2)])
+    write(tmp_path / "tradeoff.csv", origin, [vars(row(side=2))])
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    stopped = []
+    measured = []
 
     def measure(scene, group, frames, seed):
-        if stopped:
+        if len(measured) == stop_after:
             raise KeyboardInterrupt
-        stopped.append((frames, seed))
+        measured.append((frames, seed))
         return [row(side=11, shape="planar")]
 
     monkeypatch.setattr(tradeoff, "measure", measure)
+    stop_after = 1
     run("--output", tmp_path, "--json", code=130)
     out, err = capsys.readouterr()
     result = json.loads(out)
     assert result["found"]["shape"] == "planar"
-    assert result["complete"] is False
+    assert (result["complete"], result["measured"]) == (False, "not kept")
     assert "radius_m" not in result["change"]["scene"]["array"]
-    assert result["measured"].startswith(str(tmp_path / "cache"))
-    assert stopped == [(300, 1)]
+    assert measured == [(300, 1)]
     assert "another scene or machine" in err
+    # A whole measurement is kept, and read the next time.
+    stop_after = None
+    measured.clear()
+    results = [json_of(run, "--output", tmp_path) for _ in range(2)]
+    assert len(measured) == len(tradeoff.plan(scene, "quick"))
+    assert results[0] == results[1]
+    assert results[0]["complete"] is True
+    assert results[0]["measured"].startswith(str(tmp_path / "cache"))
 
 
 def test_a_scene_that_is_not_exact_says_what_a_calibration_would_gain(scene):

@@ -6,25 +6,34 @@ import itertools
 import math
 import random
 import re
-import shutil
 
 import command_line
 import matplotlib.image
 import numpy as np
 import pytest
 from command_line import json_of
-from designs import CURVED, PLANAR, SMALL, study_of
+from designs import CURVED, HOW, LISTS, PLANAR, SMALL
 from hypothesis import example, given
 from hypothesis import strategies as st
 from labels import assert_apart, number_boxes
-from scipy.optimize import lsq_linear
 
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.plots.style import apart
-from uuv_optical_array.studies import design_sweep
-from uuv_optical_array.studies.design import Choice, draw, front
-from uuv_optical_array.studies.design_sweep import Design, ScoredDesign, designed
-from uuv_optical_array.studies.shared.results import Results
+from uuv_optical_array.studies import design
+from uuv_optical_array.studies.design import (
+    Choice,
+    Design,
+    ScoredDesign,
+    Scoring,
+    buildable,
+    designed,
+    draw,
+    front,
+    report,
+    scored_before,
+)
+from uuv_optical_array.studies.shared.results import write
+
+FOLLOW = load_scene("follow")
 
 COLUMNS = [field.name for field in dataclasses.fields(ScoredDesign)][8:]
 
@@ -68,20 +77,20 @@ def test_fronts_are_of_what_fits_and_of_what_the_criterion_lets_pass():
     resolved = dataclasses.replace(fits, width_m=0.3, **passing)
     papers = {**vars(Design("curved", 5, 0.4, 0.32, 8.0, 1, 0.0, 0.0)), "yaw_near_deg": 14.9}
     paper = dataclasses.replace(resolved, **papers)
-    choice = Choice(study_of(), [wide, fits, resolved, paper])
+    choice = Choice(FOLLOW, [wide, fits, resolved, paper])
     assert choice.fronts == {"fits": [fits], "resolved": [resolved], "any": [wide]}
     assert resolved.resolved_at_4m
     assert not paper.resolved_at_4m
     assert choice.numbered == [fits, resolved, wide, paper]
     whole, two = (choice.table(numbers).splitlines() for numbers in (None, {2, 4}))
     standing = ["fits", "resolved", "any", "none; the paper's array"]
-    assert [re.split("  +", line)[-1] for line in whole[2:]] == standing
-    assert two == [*whole[:2], whole[3], whole[5]]
-    assert whole[3].startswith("  2 planar 3 x 3, 0.3 m, beam 6 deg ")
+    assert [re.split("  +", line)[2] for line in whole[2:]] == standing
+    assert [re.split("  +", line)[0] for line in two[2:]] == ["2", "4"]
+    assert whole[3].startswith("2   planar 3 x 3, 0.3 m, beam 6 deg ")
     # With another lamp it is the paper's array still, but not listed for its own sake.
     other = dataclasses.replace(paper, beam_sigma_deg=6.0)
     assert other.is_papers_array
-    assert other not in Choice(study_of(), [*choice.rows, other]).numbered
+    assert other not in Choice(FOLLOW, [*choice.rows, other]).numbered
 
 
 def test_designs_that_meet_the_criterion_are_counted_with_and_without_noise():
@@ -90,34 +99,28 @@ def test_designs_that_meet_the_criterion_are_counted_with_and_without_noise():
     far = dataclasses.replace(near, shift_deg=15.0, yaw_deg=15.0, shift_sigmas=3.0, yaw_sigmas=2.9)
     clear = dataclasses.replace(far, yaw_sigmas=3.0)
     rows = [row, near, far, clear]
-    assert Choice(study_of(), rows).resolved_counts == (3, 2, 1)
+    told = report(Choice(FOLLOW, rows))
+    assert "3 of 4 designs tell" in told
+    assert "2 from 4 to 8 m;\nof these, 1 by 3 or more" in told
     assert [row.resolved for row in rows] == ["none", "4 m", "4 to 8 m", "4 to 8 m"]
 
 
 run = functools.partial(command_line.run, "study", "design")
 
 
-LISTS = ["--sweep", "detectors_per_side=3,5", "width_m=0.2,0.4", "radius_m=0.2,0.32"]
-LISTS += ["beam_sigma_deg=6,8"]
-
-
-def scored(path, study):
-    """Score what a file lacks of a study; return its designs as they are read from there."""
-    study.score_rest(Results(path, ScoredDesign, study.origin))
-    return study.swept(Results(path, ScoredDesign, study.origin))
+WORDS = ["--sweep", *LISTS, "--poses", 40]
 
 
 @pytest.fixture(scope="module")
-def whole_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("study") / "whole.csv"
-    scored(path, study_of())
-    return path
+def whole():
+    """The scores of all designs, one by one."""
+    return list(HOW.scored(FOLLOW, buildable(SMALL)[0]))
 
 
 @pytest.fixture
 def heard(monkeypatch):
     """List the designs that are scored; a number appended to `heard.stop` presses Ctrl-C there."""
-    score = design_sweep.score
+    score = design.score
 
     class Heard(list):
         stop = None
@@ -130,56 +133,48 @@ def heard(monkeypatch):
         heard.append(Design.of(scene))
         return score(scene, *others)
 
-    monkeypatch.setattr(design_sweep, "score", counted)
+    monkeypatch.setattr(design, "score", counted)
     return heard
 
 
-def test_a_score_is_its_designs_own_whatever_else_is_swept(tmp_path, whole_file, heard):
-    shutil.copy(whole_file, tmp_path)
-    whole = {row.design: row for row in scored(tmp_path / "whole.csv", study_of())}
-    few = dataclasses.replace(SMALL, shape=("curved",), width_m=(0.4,), beam_sigma_deg=(6.0,))
-    alone = scored(tmp_path / "few.csv", study_of(sweep=few))
-    assert 0 < len(alone) < len(whole)
-    assert all(str(whole[row.design]) == str(row) for row in alone)
-    # A sweep that is part of what is there scores nothing, and loses nothing.
-    heard.clear()
-    before = (tmp_path / "whole.csv").read_bytes()
-    assert str(scored(tmp_path / "whole.csv", study_of(sweep=few))) == str(alone)
-    assert heard == []
-    assert (tmp_path / "whole.csv").read_bytes() == before
+def test_a_score_is_its_designs_own_whatever_else_is_scored(whole):
+    some = [row.design for row in whole[3::7]]
+    assert 0 < len(some) < len(whole)
+    assert list(map(str, HOW.scored(FOLLOW, some))) == list(map(str, whole[3::7]))
 
 
 @pytest.mark.parametrize(
-    ("changes", "error"),
+    ("scene", "how", "error"),
     [
-        ({"power": "counts", "poses": 41}, "power is flux there and counts here; poses is 40"),
-        ({"scene": load_scene("coastal")}, "fingerprint is"),
+        (FOLLOW, Scoring("counts", poses=41), "power is flux there and counts here; poses is 40"),
+        (load_scene("coastal"), HOW, "fingerprint is"),
     ],
 )
-def test_the_scores_of_another_study_are_refused_by_what_differs(whole_file, changes, error):
-    before = whole_file.read_bytes()
+def test_the_scores_of_another_study_are_refused_by_what_differs(
+    whole, tmp_path, scene, how, error
+):
+    path = tmp_path / "scores.csv"
+    write(path, HOW.origin(FOLLOW), [row.columns() for row in whole])
+    renamed = HOW.origin(FOLLOW) | {"scene": "another name"}
+    assert list(map(str, scored_before(path, renamed))) == list(map(str, whole))
     with pytest.raises(ValueError, match=f"another run: {error}.*name another"):
-        scored(whole_file, study_of(**changes))
-    assert whole_file.read_bytes() == before
+        scored_before(path, how.origin(scene))
 
 
 @pytest.mark.usefixtures("sketched")
-def test_the_command_is_interrupted_goes_on_and_tells(
-    tmp_path, monkeypatch, capsys, heard, whole_file
-):
+def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, capsys, whole, heard):
     monkeypatch.chdir(tmp_path)
-    words = [*LISTS, "--poses", 40]
     heard.stop = 0
-    run(*words, code=130)
+    run(*WORDS, code=130)
     assert "interrupted" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
     heard.stop = 6
-    run(*words, code=130)
+    run(*WORDS, code=130)
     out = capsys.readouterr().out
     assert "interrupted: 6 of 20 designs; the same command resumes it" in out
     assert "of 6 designs tell" in out
     heard.stop = None
-    run(*words, "--take", 2)
+    run(*WORDS, "--take", 2)
     out = capsys.readouterr().out
     assert "left out: 4 designs whose corners lie beyond their sphere" in out
     assert "6 designs are there already" in out
@@ -187,26 +182,28 @@ def test_the_command_is_interrupted_goes_on_and_tells(
     assert re.search(r"curved 5 x 5, 0.4 m, radius 0.32 m, beam 8 deg .*the paper's array", out)
     assert "of 20 designs tell" in out
 
-    told = json_of(run, *words)
+    told = json_of(run, *WORDS)
     assert len(heard) == 20
     assert told["complete"] is True
     assert told["files"] == ["follow.design.csv", "follow.design.png"]
-    study = study_of()
-    rows = scored(whole_file, study)
-    assert [d["position_m"] for d in told["designs"]] == [r.position_m for r in rows]
-    assert [d["resolved_at_4_m"] for d in told["designs"]] == [r.resolved_at_4m for r in rows]
-    assert [rows[i].design for i in told["papers_array"]] == [
+    assert [d["position_m"] for d in told["designs"]] == [r.position_m for r in whole]
+    assert [d["resolved_at_4_m"] for d in told["designs"]] == [r.resolved_at_4m for r in whole]
+    assert [whole[i].design for i in told["papers_array"]] == [
         Design("curved", 5, 0.4, 0.32, sigma_deg, 1, 0.0, 0.0) for sigma_deg in (6.0, 8.0)
     ]
-    assert [rows[i] for i in told["numbered"]] == Choice(study, rows).numbered
+    assert [whole[i] for i in told["numbered"]] == Choice(FOLLOW, whole).numbered
     table = np.genfromtxt("follow.design.csv", delimiter=",", names=True, dtype=None, encoding=None)
     assert len(table) == 20
-    np.testing.assert_array_equal(table["angle_deg"], [r.angle_deg for r in rows])
+    np.testing.assert_array_equal(table["angle_deg"], [r.angle_deg for r in whole])
     assert set(table["seed"]) == {1}
     assert matplotlib.image.imread("follow.design.png").shape[:2] == (1170, 1260)
+    # A part of what is there scores nothing, and loses nothing.
+    told = json_of(run, "--sweep", "shape=curved", *LISTS, "--poses", 40)
+    assert (len(heard), len(told["designs"])) == (20, 12)
+    assert len((tmp_path / "follow.design.csv").read_text().splitlines()) == 21
     taken = load_scene("follow.design.2.yaml")
-    wanted = Choice(study, rows).numbered[1].design
-    assert taken.fingerprint == designed(study.scene, wanted).fingerprint
+    wanted = Choice(FOLLOW, whole).numbered[1].design
+    assert taken.fingerprint == designed(FOLLOW, wanted).fingerprint
 
 
 @pytest.mark.parametrize(
@@ -217,7 +214,7 @@ def test_the_command_is_interrupted_goes_on_and_tells(
 def test_any_study_can_be_drawn(designs):
     values = dict.fromkeys(COLUMNS, math.nan) | {"position_m": 0.3, "angle_deg": 5.0}
     rows = [ScoredDesign(**vars(design), **values) for design in designs]
-    figure = draw(Choice(study_of(), rows))
+    figure = draw(Choice(FOLLOW, rows), "about")
     figure.draw_without_rendering()
     dots = figure.subfigs[0].axes[0].collections[0].get_offsets()
     assert dots[:, 1].tolist() == [0.3] * len(designs)
@@ -225,7 +222,7 @@ def test_any_study_can_be_drawn(designs):
 
 def test_the_line_of_a_front_goes_through_the_best_of_each_number_of_detectors():
     near, turned = row_of(3, 0.1, 2.0), row_of(3, 0.2, 1.0, width_m=0.2)
-    figure = draw(Choice(study_of(), [near, turned, row_of(5, 0.05, 0.5)]))
+    figure = draw(Choice(FOLLOW, [near, turned, row_of(5, 0.05, 0.5)]), "about")
     for axes, best in zip(figure.subfigs[0].axes, ([0.1, 0.05], [1.0, 0.5]), strict=True):
         lines = [line for line in axes.lines if line.get_zorder() == 2.5]
         assert [list(line.get_ydata()) for line in lines] == [best, best]  # of `fits` and `any`
@@ -239,21 +236,9 @@ def test_numbers_of_designs_lie_apart_and_few_are_named():
         for width in (0.2, 0.4, 0.6)
         for sigma in (6.0, 8.0, 11.0)
     ]
-    figure = draw(Choice(study_of(), rows))
+    figure = draw(Choice(FOLLOW, rows), "about")
     figure.draw_without_rendering()
     for axes in figure.subfigs[0].axes:
         boxes = number_boxes(axes)
         assert len(boxes) <= 10
         assert_apart(boxes)
-
-
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=8).map(sorted))
-def test_labels_are_moved_apart_and_no_more_than_that_takes(heights):
-    gap, count = 0.05, len(heights)
-    # The first label and the steps above the gap, by bounded least squares.
-    steps = np.tril(np.ones((count, count)))
-    low = np.r_[-np.inf, np.zeros(count - 1)]
-    wanted = heights - gap * np.arange(count)
-    found = lsq_linear(steps, wanted, (low, np.inf), tol=1e-14)
-    expected = steps @ found.x + gap * np.arange(count)
-    np.testing.assert_allclose(apart(heights, gap), expected, atol=1e-5)

@@ -19,9 +19,9 @@ from uuv_optical_array.forward.light import beam_solid_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import HIGH, LOW, uniform_poses
-from uuv_optical_array.studies.design_sweep import (
+from uuv_optical_array.studies.design import (
     Design,
-    Sweep,
+    buildable,
     designed,
     score,
     signature_noise_deg,
@@ -29,6 +29,7 @@ from uuv_optical_array.studies.design_sweep import (
     with_gain,
 )
 
+FOLLOW = load_scene("follow")
 POWERS = ("flux", "flux_in_range", "counts")
 
 
@@ -40,27 +41,28 @@ POWERS = ("flux", "flux_in_range", "counts")
     st.sets(st.floats(1, 40), min_size=1, max_size=3),
 )
 def test_a_sweep_holds_each_design_that_can_be_built_once(shapes, sides, sizes, radii, sigmas):
-    buildable = sum(radius > size / 2**0.5 for size in sizes for radius in radii)
+    fitting = sum(radius > size / 2**0.5 for size in sizes for radius in radii)
     each = len(sides) * len(sigmas)
     planar, curved = "planar" in shapes, "curved" in shapes
-    count = each * (planar * len(sizes) + curved * buildable)
+    count = each * (planar * len(sizes) + curved * fitting)
+    names = ("shape", "detectors_per_side", "width_m", "radius_m", "beam_sigma_deg")
     lists = [sorted(values) for values in (shapes, sides, sizes, radii, sigmas)]
+    found = [f"{n}={','.join(map(str, values))}" for n, values in zip(names, lists, strict=True)]
     if not count:
         with pytest.raises(ValueError, match="no design is left"):
-            Sweep(*lists)
+            sweep_of(FOLLOW, found)
         return
-    sweep = Sweep(*lists)
-    designs = sweep.designs()
+    designs, dropped = buildable(sweep_of(FOLLOW, found))
     assert len(designs) == len(set(designs)) == count
-    assert sum(sweep.dropped().values()) == curved * each * (len(sizes) * len(radii) - buildable)
+    assert sum(dropped.values()) == curved * each * (len(sizes) * len(radii) - fitting)
     assert all((design.radius_m is None) == (design.shape == "planar") for design in designs)
 
 
 def test_the_default_sweep_holds_the_scene_and_the_paper():
     for name in ("follow", "eren2016", "eren2017_tank"):
         scene = load_scene(name)
-        assert Design.of(scene) in sweep_of(scene).designs()
-    designs = sweep_of(load_scene("follow")).designs()
+        assert Design.of(scene) in buildable(sweep_of(scene))[0]
+    designs, _ = buildable(sweep_of(FOLLOW))
     assert Design("curved", 5, 0.4, 0.32, 8.0, 1, 0.0, 0.0) in designs
     # 5 sizes; on radii of 0.16 to 0.64 m fit 1, 2, 3, 4, 5 and 5 of them.
     assert len(designs) == (5 + 20) * 6 * 6
@@ -71,23 +73,24 @@ def test_the_default_sweep_holds_the_scene_and_the_paper():
 
 
 @pytest.mark.parametrize(
-    ("change", "error"),
+    ("words", "error"),
     [
-        ({"shape": ("round",)}, "shape: 'round' is unknown; choose planar or curved"),
-        ({"shape": ()}, "shape: no value"),
-        ({"detectors_per_side": (1,)}, "detectors_per_side: 1 is out of bounds.*from 2 to 501"),
-        ({"detectors_per_side": (2.5,)}, "2.5 is not a whole number"),
-        ({"width_m": (0.4, 0.4)}, "width_m: 0.4 is given twice"),
-        ({"width_m": (math.nan,)}, "width_m: nan is out of bounds.*m$"),
-        ({"radius_m": ()}, "radius_m: no value"),
-        ({"radius_m": (0.1,), "shape": ("curved",)}, r"no design is left \(0.2 m wide on.*larger"),
-        ({"beam_sigma_deg": (0.0,)}, "beam_sigma_deg: 0.0 is out of bounds.*from 0.1 to 90 deg"),
+        (["shape=round"], "shape: 'round' is unknown; choose planar or curved"),
+        (["shape="], "shape: '' is unknown"),
+        (["detectors_per_side=1"], "detectors_per_side: 1 is out of bounds.*from 2 to 501"),
+        (["detectors_per_side=2.5"], "detectors_per_side=2.5: give numbers"),
+        (["width_m=0.4,0.4"], "width_m: 0.4 is given twice"),
+        (["width_m=0.4", "width_m=0.5"], "width_m: given twice"),
+        (["width_m=nan"], "width_m: nan is out of bounds.*m$"),
+        (["radius_m="], "radius_m=: give numbers"),
+        (["radius_m=0.1", "shape=curved"], r"no design is left \(0.2 m wide on.*larger"),
+        (["beam_sigma_deg=0"], "beam_sigma_deg: 0.0 is out of bounds.*from 0.1 to 90 deg"),
+        (["colour=red"], "colour=red: give NAME=VALUE,... with NAME one of shape, "),
     ],
 )
-def test_a_bad_sweep_is_refused_by_name(change, error):
+def test_a_bad_sweep_is_refused_by_name(words, error):
     with pytest.raises(ValueError, match=error):
-        dataclasses.replace(SMALL, **change)
-    assert not dataclasses.replace(SMALL, shape=("planar",), radius_m=()).dropped()
+        sweep_of(FOLLOW, words)
 
 
 # How bright each lamp is
@@ -191,7 +194,7 @@ def test_the_scenes_own_design_is_the_scene(name, power, mount):
 def test_the_foremost_point_stays_or_the_centre_does():
     for base in (load_scene("follow"), load_scene("follow").with_shape("planar")):
         front_m = build_array(base.array).positions[:, 0].max()
-        for design in SMALL.designs():
+        for design in buildable(SMALL)[0]:
             array = build_array(designed(base, design).array)
             assert array.positions[:, 0].max() == pytest.approx(front_m)
             scene = designed(base, design, mount="centre")
@@ -223,12 +226,13 @@ def test_one_lamp_has_no_prior_of_several_and_several_need_one():
 
 
 def test_a_sweep_of_lamps_has_one_lamp_once_and_none_in_one_place():
-    array = [[value] for value in ("curved", 5, 0.4, 0.32, 8.0)]
-    sweep = Sweep(*array, (1, 2, 3), (0.0, 0.4), (0.0, 3.0))
-    rings = [(design.lamps, design.spread_m, design.tilt_deg) for design in sweep.designs()]
+    words = ["shape=curved", "detectors_per_side=5", "width_m=0.4", "radius_m=0.32"]
+    words += ["beam_sigma_deg=8", "lamps=1,2,3", "spread_m=0,0.4", "tilt_deg=0,3"]
+    designs, dropped = buildable(sweep_of(LIGHTS, words))
+    rings = [(design.lamps, design.spread_m, design.tilt_deg) for design in designs]
     ways = [(0.0, 3.0), (0.4, 0.0), (0.4, 3.0)]
     assert rings == [(1, 0.0, 0.0), *((lamps, *way) for lamps in (2, 3) for way in ways)]
-    assert sum(sweep.dropped().values()) == 2
+    assert sum(dropped.values()) == 2
 
 
 @pytest.mark.parametrize("design", [PLANAR, CURVED])

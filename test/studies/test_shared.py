@@ -16,7 +16,7 @@ from uuv_optical_array.studies.shared.errors import (
     position_and_angle,
     range_across_angle,
 )
-from uuv_optical_array.studies.shared.results import Results, read
+from uuv_optical_array.studies.shared.results import read, write
 from uuv_optical_array.studies.tradeoff import Measurement
 
 ORIGIN = {"scene": "sea", "fingerprint": "f" * 64, "machine": "a, b: 2 cores"}
@@ -27,9 +27,7 @@ COLUMNS = ["scene", "fingerprint", "machine", "mode", "frames", "seed", "method"
 def test_a_file_of_rows_reads_back_and_is_plain_csv(tmp_path):
     rows = [row(position=0.1 + 0.2, bound_position_m=math.inf), row("moments", angle=math.nan)]
     path = tmp_path / "t.csv"
-    results = Results(path, Measurement, ORIGIN)
-    results.append(rows[:1])
-    Results(path, Measurement, ORIGIN).append(rows[1:])
+    write(path, ORIGIN, [vars(one) for one in rows])
     origin, found = read(path, Measurement)
     assert origin == {name: str(value) for name, value in ORIGIN.items()}
     assert [str(vars(a)) for a in found] == [str(vars(b)) for b in rows]
@@ -41,40 +39,22 @@ def test_a_file_of_rows_reads_back_and_is_plain_csv(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["t.csv"]
 
 
-@pytest.mark.parametrize("field", ["fingerprint", "machine", "mode", "frames", "seed"])
-def test_rows_of_another_run_are_refused_by_name(tmp_path, field):
-    path = tmp_path / "t.csv"
-    Results(path, Measurement, ORIGIN).append([row()])
-    before = path.read_bytes()
-    with pytest.raises(ValueError, match=f"another run: {field} .*name another"):
-        Results(path, Measurement, {**ORIGIN, field: "another"})
-    assert path.read_bytes() == before
-
-
-def test_a_scene_by_another_name_is_the_same_run(tmp_path):
-    Results(tmp_path / "t.csv", Measurement, ORIGIN).append([row()])
-    other = {**ORIGIN, "scene": "b"}
-    assert Results(tmp_path / "t.csv", Measurement, other).lines == [row()]
-
-
 @pytest.mark.parametrize(
-    "spoil",
+    ("spoil", "number"),
     [
-        lambda text: text[:-30],
-        lambda text: text.replace("curved,5", "curved,five"),
-        lambda text: "a,b\n1,2\n",
-        lambda text: text + text.splitlines()[1].replace(",quick,7,1,", ",quick,7,2,") + "\n",
-        lambda text: text.replace("reference", "\0"),
+        (lambda text: text[:-30], 2),
+        (lambda text: text.replace("curved,5", "curved,five"), 2),
+        (lambda text: "a,b\n1,2\n", 2),
+        (lambda text: text + text.splitlines()[1].replace(",quick,7,1,", ",quick,7,2,") + "\n", 3),
+        (lambda text: text + "sea,", 3),
     ],
 )
-def test_damaged_files_are_refused_in_one_line(tmp_path, spoil):
+def test_damaged_files_are_refused_in_one_line(tmp_path, spoil, number):
     path = tmp_path / "t.csv"
-    Results(path, Measurement, ORIGIN).append([row()])
-    spoilt = spoil(path.read_text())
-    if spoilt == path.read_text():
-        spoilt = "\0" + spoilt
-    path.write_text(spoilt)
-    with pytest.raises(ValueError, match=r"t\.csv: .*; remove the file or name another"):
+    write(path, ORIGIN, [vars(row())])
+    path.write_text(spoil(path.read_text()))
+    error = rf"t\.csv: line {number} is damaged, or .*; remove the file or name another"
+    with pytest.raises(ValueError, match=error):
         read(path, Measurement)
 
 

@@ -28,7 +28,6 @@ from uuv_optical_array.studies.tradeoff import (
     PUBLISHED,
     SHAPES,
     Group,
-    at_one_speed,
     fronts,
     measure,
     numbered,
@@ -65,7 +64,7 @@ def test_settings_within_a_step_are_equal_and_the_simplest_is_on_the_front():
         row(side=5, position=0.504, ms=1.01, rows=1024),
         row(side=3, position=0.500, ms=2.0),
     ]
-    assert fronts(rows)["position"].tolist() == [False, False, True, False]
+    assert fronts(rows)["position"] == [rows[2]]
 
 
 # Steps of 10 % in time and in error, the last of which is worse than a guess; detectors; whether
@@ -93,19 +92,14 @@ def test_a_front_is_what_its_definition_says(drawn):
         return no_worse and (other[:2] != mine[:2] or other[2] < mine[2])
 
     wanted = {i for i, mine in able.items() if not any(beaten(mine, o) for o in able.values())}
-    assert set(fronts(rows)["position"].nonzero()[0].tolist()) == wanted
+    assert {rows.index(one) for one in fronts(rows)["position"]} == wanted
 
 
 def test_a_slow_spell_of_the_machine_moves_no_setting_off_the_front():
     """The same two settings, one of them measured while everything took three times as long."""
     slow = row(position=0.5, ms=3.0, p99_ms=6.0, model_ms=1.5, models=2.0)
     rows = [slow, row(position=0.1, ms=2.0, p99_ms=3.0, model_ms=0.5, models=4.0)]
-    assert fronts(rows)["position"].tolist() == [True, True]
-    scaled = at_one_speed(rows)
-    assert [line.model_ms for line in scaled] == [1.0, 1.0]
-    assert [line.median_ms for line in scaled] == pytest.approx([2.0, 4.0])
-    assert [line.p99_ms for line in scaled] == pytest.approx([4.0, 6.0])
-    assert at_one_speed([]) == []
+    assert fronts(rows)["position"] == rows
 
 
 def test_settings_without_poses_or_worse_than_a_guess_are_on_no_front():
@@ -118,9 +112,8 @@ def test_settings_without_poses_or_worse_than_a_guess_are_on_no_front():
         row(ms=7.0, position=2 * position, angle=0.9 * angle),
     ]
     found = fronts(rows)
-    assert found["position"].nonzero()[0].tolist() == [3]
-    assert found["angle"].nonzero()[0].tolist() == [4]
-    assert numbered(rows) == [3, 4]
+    assert found == {"position": [rows[3]], "angle": [rows[4]]}
+    assert numbered(rows) == rows[3:]
     assert numbered([]) == []
 
 
@@ -182,8 +175,29 @@ def test_rows_hold_the_errors_of_the_estimators(scene):
         assert row.models == pytest.approx(row.median_ms / row.model_ms)
 
 
-def counted(monkeypatch, stop_after=None):
-    """Count what is measured, and press Ctrl-C before the group of that number."""
+@pytest.mark.usefixtures("sketched", "small")
+def test_what_is_measured_is_written_and_drawn(tmp_path, capsys):
+    folder = tmp_path / "out"
+    run("--output", folder, "--json")
+    out, error = capsys.readouterr()
+    assert re.search(r"\b4/4 array and table", error)
+    result = json.loads(out)
+    assert result["complete"] is True
+    assert (result["scene"], result["mode"], result["frames"]) == ("reference", "quick", 5)
+    assert result["pictures"] == [str(folder / f"tradeoff{suffix}") for suffix in (".png", ".pdf")]
+    assert_picture(folder / "tradeoff.png")
+    assert (folder / "tradeoff.pdf").read_bytes().startswith(b"%PDF")
+    lines = list(csv.DictReader((folder / "tradeoff.csv").read_text().splitlines()))
+    assert [line["method"] for line in lines] == [*METHODS, *METHODS, "moments", "look_up"]
+    for line, setting in zip(lines, result["settings"], strict=True):
+        for key, value in setting.items():
+            assert line[key] == str(value) or (value is None and line[key] in ("nan", "inf"))
+    assert set(result["fronts"]) == {"position", "angle"}
+
+
+@pytest.mark.usefixtures("sketched", "small")
+@pytest.mark.parametrize("stop_after", [0, 2])
+def test_a_run_that_is_stopped_writes_what_it_has(tmp_path, capsys, monkeypatch, stop_after):
     groups = []
 
     def measured(scene, group, *others):
@@ -193,51 +207,13 @@ def counted(monkeypatch, stop_after=None):
         return measure(scene, group, *others)
 
     monkeypatch.setattr(tradeoff, "measure", measured)
-    return groups
-
-
-@pytest.mark.usefixtures("sketched", "small")
-def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
-    folder = tmp_path / "out"
-    first = counted(monkeypatch, stop_after=2)
-    run("--output", folder, code=130)
-    out, error = capsys.readouterr()
-    assert "interrupted: 6 of 8 settings" in out
-    assert "8 settings; into " in error
-    assert re.search(r"\b\d+/100 %", error)
-    stopped = (folder / "tradeoff.csv").read_text()
-    assert len(stopped.splitlines()) == 1 + 2 * len(METHODS)
-    assert_picture(folder / "tradeoff.png")
-
-    second = counted(monkeypatch)
-    run("--output", folder, "--json")
-    assert (first, second) == (GROUPS[:2], GROUPS[2:])
-    whole = (folder / "tradeoff.csv").read_text()
-    assert whole.startswith(stopped)
-    result = json.loads(capsys.readouterr().out)
-    assert result["complete"] is True
-    assert (result["scene"], result["mode"], result["frames"]) == ("reference", "quick", 5)
-    assert result["pictures"] == [str(folder / f"tradeoff{suffix}") for suffix in (".png", ".pdf")]
-    lines = list(csv.DictReader(whole.splitlines()))
-    assert [line["method"] for line in lines] == [*METHODS, *METHODS, "moments", "look_up"]
-    for line, setting in zip(lines, result["settings"], strict=True):
-        for key, value in setting.items():
-            assert line[key] == str(value) or (value is None and line[key] in ("nan", "inf"))
-    assert set(result["fronts"]) == {"position", "angle"}
-
-    third = counted(monkeypatch)
-    run("--output", folder)
-    assert third == []
-    assert (folder / "tradeoff.pdf").read_bytes().startswith(b"%PDF")
-    assert (folder / "tradeoff.csv").read_text() == whole
-
-
-@pytest.mark.usefixtures("small")
-def test_nothing_is_drawn_of_nothing(tmp_path, capsys, monkeypatch):
-    counted(monkeypatch, stop_after=0)
-    monkeypatch.setattr(tradeoff, "plan", lambda scene, mode: GROUPS[2:])
     run("--output", tmp_path, code=130)
     out, error = capsys.readouterr()
-    assert out == ""
-    assert error.endswith("interrupted\n")
-    assert list(tmp_path.iterdir()) == []
+    if not stop_after:
+        assert out == ""
+        assert error.endswith("interrupted\n")
+        assert list(tmp_path.iterdir()) == []
+        return
+    assert "interrupted: 6 of 8 settings" in out
+    assert len((tmp_path / "tradeoff.csv").read_text().splitlines()) == 1 + 2 * len(METHODS)
+    assert_picture(tmp_path / "tradeoff.png")

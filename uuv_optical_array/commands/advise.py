@@ -7,12 +7,12 @@ random poses 4 to 8 m behind the lamp do, and 99 % of frames must get a pose.
 
 It reads the measurements of `uuv_array study tradeoff` in this scene on this machine, from
 SCENE.tradeoff here or the folder that --output names. If there are none it makes those of the quick
-mode, and stores them in the user's cache. Exit code 1 means that no setting meets the need.
+mode, and keeps them in the user's cache. Exit code 1 means that no setting meets the need.
 
   uuv_array advise --rate 10                                the paper's 0.2 m and 10 deg
   uuv_array advise --rate 100 --position 0.1 --angle 2      faster and better
   uuv_array advise --rate 5 --scene sea.yaml --json         your own scene, as one JSON object
-Ctrl-C while it measures keeps the results so far; the next call goes on.
+Ctrl-C while it measures ends that, and it chooses from what there is.
 """
 
 import argparse
@@ -38,7 +38,7 @@ from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION, lit_poses
 from uuv_optical_array.studies import tradeoff
 from uuv_optical_array.studies.shared.errors import position_and_angle
-from uuv_optical_array.studies.shared.results import Results, read
+from uuv_optical_array.studies.shared.results import read, write
 from uuv_optical_array.studies.tradeoff import SETTINGS_CSV, Group, Measurement
 
 POSITION_M, ANGLE_DEG = float(SPECIFICATION[X]), float(SPECIFICATION[YAW])
@@ -153,19 +153,24 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     outputs.add_folder(parser, about)
 
 
-def _measured(scene: Scene, folder: Path) -> tuple[Path, Any, list[Measurement], bool]:
-    """Return file, frames and lines of this scene and machine, and whether all are there."""
-    path, here = folder / SETTINGS_CSV, tradeoff.origin_of(scene, "quick")
-    there, rows = read(path, Measurement)
-    if there and all(there.get(name) == here[name] for name in ("fingerprint", "machine")):
-        return path, there["frames"], rows, True
-    if there:
-        print(f"{path} is of another scene or machine, so it is not used", file=sys.stderr)
+def _measured(scene: Scene, folder: Path) -> tuple[Path | None, Any, list[Measurement]]:
+    """Return file, frames and lines of this scene and machine; after Ctrl-C there is no file."""
+    here = tradeoff.origin_of(scene, "quick")
     machine = "".join(letter if letter.isalnum() else "-" for letter in here["machine"])
     name = f"{scene.name}-{scene.fingerprint[:16]}-{machine}"
-    results = Results(files.cache_dir() / "tradeoff" / name / SETTINGS_CSV, Measurement, here)
-    complete = tradeoff.measure_missing(scene, tradeoff.plan(scene, "quick"), results)
-    return results.path, here["frames"], results.lines, complete
+    kept = files.cache_dir() / "tradeoff" / name
+    for path in (folder / SETTINGS_CSV, kept / SETTINGS_CSV):
+        there, rows = read(path, Measurement)
+        if there and all(there.get(name) == here[name] for name in ("fingerprint", "machine")):
+            return path, there["frames"], rows
+        if there:
+            print(f"{path} is of another scene or machine, so it is not used", file=sys.stderr)
+    rows, complete = tradeoff.measure_all(scene, "quick")
+    if not complete:
+        return None, here["frames"], rows
+    kept.mkdir(parents=True, exist_ok=True)
+    write(path, here, [vars(row) for row in rows])
+    return path, here["frames"], rows
 
 
 def run(args: argparse.Namespace) -> int:
@@ -173,13 +178,14 @@ def run(args: argparse.Namespace) -> int:
     need = Need(args.rate, args.position, args.angle)
     scene = options.scene_of(args)
     given = files.user_path(args.output or f"{scene.name}.tradeoff")
-    path, frames, rows, complete = _measured(scene, given)
+    path, frames, rows = _measured(scene, given)
     row, excess = advise(rows, need)
     load, count = max(row.load_average for row in rows), len(rows)
     result = {"scene": scene.name, "asked": vars(need), "met": not excess, "lacks": excess}
-    result |= {"found": row.columns(), "change": settings_of(scene, row), "measured": str(path)}
+    complete, whence = path is not None, str(path or "not kept")
+    result |= {"found": vars(row), "change": settings_of(scene, row), "measured": whence}
     result |= {"settings": count, "load_average": load, "complete": complete}
-    whence = f"of {count} settings, {frames} frames each, load average up to {load:.1f}: {path}"
+    whence = f"of {count} settings, {frames} frames each, load average up to {load:.1f}: {whence}"
     text = f"{report(scene, need, row, excess)}\n\n{whence}"
     missing = "some settings are not measured yet"
     return outputs.finish(args, result, text, complete, missing) or bool(excess)

@@ -3,7 +3,7 @@
 Matplotlib takes a second to import, so it is imported when something is drawn.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -43,6 +43,7 @@ METHOD_MARKS |= {"least_squares": "o"}
 SPECIFIED = "#2c9c5a"
 IMAGES = "magma"  # colours of what the array reads
 MOST_DECADES = 3  # of an axis that has room for more than one mark a decade
+NUMBERS_APART = 0.05  # of the height of the axes
 DPI = 90
 
 
@@ -117,37 +118,25 @@ def mark(label: str, marker: str = "o", **style: Any) -> "Line2D":
     return Line2D([], [], **{"color": "0.4", "lw": 0, "marker": marker, "label": label, **style})
 
 
-def apart(heights: Sequence[float], gap: float) -> list[float]:
-    """Move sorted heights apart by at least `gap`, with the least sum of squared moves."""
-    # Pool adjacent violators: a group that touches is moved as one, about its mean.
-    groups: list[tuple[float, int]] = []
-    for i, height in enumerate(heights):
-        mean, count = height - i * gap, 1
-        while groups and groups[-1][0] >= mean:
-            before, many = groups.pop()
-            mean, count = (before * many + mean * count) / (many + count), many + count
-        groups.append((mean, count))
-    level = [mean for mean, count in groups for _ in range(count)]
-    return [mean + i * gap for i, mean in enumerate(level)]
-
-
 def number_points(
     axes: "Axes",
     points: Mapping[int, tuple[float, float]],
     at: float,
-    gap: float,
     ha: Literal["center", "right"] = "center",
 ) -> None:
     """Write the numbers of points in boxes, one above the other, at a place across the axes.
 
-    The ordinate is logarithmic; `at` and `gap` are fractions of the axes.
+    The ordinate is logarithmic; `at` is a fraction of the axes.
     """
     low, high = np.log(axes.get_ylim())
     upwards = sorted(points, key=lambda number: (points[number][1], number))
     heights = [(np.log(points[number][1]) - low) / (high - low) for number in upwards]
+    # No number is nearer than the gap to the one below it.
+    least = NUMBERS_APART * np.arange(len(upwards))
+    heights = (np.maximum.accumulate(heights - least) + least).tolist()
     box = {"boxstyle": "round,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6}
     line = {"arrowstyle": "-", "lw": 0.6, "shrinkA": 0, "shrinkB": 2}
-    for number, height in zip(upwards, apart(heights, gap), strict=True):
+    for number, height in zip(upwards, heights, strict=True):
         axes.annotate(
             str(number), points[number], (at, height), textcoords="axes fraction", ha=ha,
             va="center", fontsize=9, fontweight="bold", zorder=5, bbox=box, arrowprops=line,

@@ -7,8 +7,9 @@ beside those of the published method built again (moments), of single images (le
 these tracked (tracker), and of a smoother that takes lamp and water for constant (docking).
 docs/results/approach.md explains every choice.
 
-  uuv_array study approach              100 runs of each case
-  uuv_array study approach --runs 2000  as many as the paper
+  uuv_array study approach                      100 runs of each case
+  uuv_array study approach --runs 2000          as many as the paper
+  uuv_array study approach --output errors.svg  the picture where you want it
 Ctrl-C ends it early and reports the complete runs.
 """
 

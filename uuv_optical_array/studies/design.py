@@ -19,26 +19,402 @@ that are no more than 10 % larger. Ctrl-C ends it early and draws what there is.
 import argparse
 import dataclasses
 import functools
+import itertools
+import math
 import operator
 import sys
-from collections.abc import Collection, Sequence
+import typing
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from uuv_optical_array.cli import options, outputs
-from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.forward.scene import save_scene, scene_from_settings
+from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.settings import Quantity, Setting, check, declared
+from uuv_optical_array.core.storage.formats import columns
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
+from uuv_optical_array.forward import working_volume as volume
+from uuv_optical_array.forward.array import ArraySettings, Shape
+from uuv_optical_array.forward.lamps import ring_of_lamps, spread_and_tilt, together
+from uuv_optical_array.forward.light import LampSettings, beam_solid_angle
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, save_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.plots import style
-from uuv_optical_array.studies import design_sweep
-from uuv_optical_array.studies.design_sweep import PAPER, Design, DesignStudy, ScoredDesign
-from uuv_optical_array.studies.shared.results import STEP, Results
-from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
+from uuv_optical_array.studies.shared.errors import position_and_angle
+from uuv_optical_array.studies.shared.results import STEP, read, until_interrupted, write
+from uuv_optical_array.studies.shared.separation import (
+    THRESHOLD_DEG,
+    WANTED,
+    Conditions,
+    angles_deg,
+    from_paper_axes,
+    paper_signature,
+)
 
+# How bright each design's lamp is; `designed` explains.
+Power: TypeAlias = Literal["flux", "flux_in_range", "counts"]
+Mount: TypeAlias = Literal["front", "centre"]
+# Values of settings by their names, all of `SWEPT`.
+Sweep: TypeAlias = Mapping[str, Sequence[Any]]
+
+# What a sweep has lists of.
+RING = declared(ring_of_lamps)
+SWEPT: dict[str, Setting] = {
+    name: (declared(ArraySettings) | declared(LampSettings))[name]
+    for name in ("shape", "detectors_per_side", "width_m", "radius_m", "beam_sigma_deg")
+} | RING
+# Radii of 0.8 widths are as curved as the paper's.
+DEFAULTS: dict[str, tuple[Any, ...]] = {
+    "detectors_per_side": (3, 5, 7, 9, 11, 21),
+    "width_m": (0.2, 0.3, 0.4, 0.5, 0.6),
+    "radius_m": (0.16, 0.24, 0.32, 0.4, 0.48, 0.64),
+    "beam_sigma_deg": (4.0, 6.0, 8.0, 11.0, 15.0, 20.0),
+}
+# Powers of the gain by which settings change that are a reading of the light, or its inverse.
+WITH_GAIN = (
+    ("ambient", "level_counts", 1),
+    ("ambient", "surface_counts", 1),
+    ("shot_noise", "electrons_per_count", -1),
+    ("photodiode", "amps_per_count", -1),
+    ("photodiode", "watts_per_m2_per_count", -1),
+)
+# What Eren et al. (2016) choose; their lamp is not given.
+PAPER: dict[str, Any] = {"shape": "curved", "detectors_per_side": 5}
+PAPER |= {"width_m": 0.4, "radius_m": 0.32}
+SEED = 1
+NOISE_DRAWS = 64
+ROUNDING_DEG = 1e-9  # angles below are rounding: the converter took all noise away
+BLOCK_READINGS = 1 << 14
 CLEAR_SIGMAS = 3.0
+
+
+@dataclass(frozen=True)
+class Design:
+    """An array and lamps; settings as in `ArraySettings`, `LampSettings`, `ring_of_lamps`."""
+
+    shape: Shape
+    detectors_per_side: int
+    width_m: float
+    radius_m: float | None
+    beam_sigma_deg: float
+    lamps: int
+    spread_m: float
+    tilt_deg: float
+
+    @classmethod
+    def of(cls, scene: Scene) -> "Design":
+        """Return the design that a scene has; of several lamps with the means of their ring."""
+        ring = scene.lamp_count, *spread_and_tilt(scene.lamps)
+        values: dict[str, Any] = {**vars(scene.array), **vars(scene.lamp)}
+        values |= dict(zip(RING, ring, strict=True))
+        return cls(**{name: values[name] for name in SWEPT})
+
+    @property
+    def detectors(self) -> int:
+        """How many there are."""
+        return self.detectors_per_side**2
+
+    @property
+    def label(self) -> str:
+        """The design in words."""
+        radius = "" if self.radius_m is None else f", radius {self.radius_m:g} m"
+        side, beam = self.detectors_per_side, f"beam {self.beam_sigma_deg:g} deg"
+        lamps = f", {self.lamps} lamps {self.ring}" if self.lamps > 1 else ""
+        return f"{self.shape} {side} x {side}, {self.width_m:g} m{radius}, {beam}{lamps}"
+
+    @property
+    def ring(self) -> str:
+        """Where several lamps are, in words."""
+        return f"at {self.spread_m:g} m, {self.tilt_deg:g} deg"
+
+
+def sweep_of(scene: Scene, words: Sequence[str] = ()) -> Sweep:
+    """Return a sweep about a scene's own design, or of lists, each ``NAME=VALUE,VALUE``.
+
+    ValueError for an unknown name, an empty list, a value given twice or out of bounds, and where
+    no design is left.
+    """
+    own = vars(Design.of(scene))
+    sweep: dict[str, Sequence[Any]] = {"shape": typing.get_args(Shape)}
+    sweep |= {name: sorted({*values, own[name] or values[0]}) for name, values in DEFAULTS.items()}
+    sweep |= {name: (own[name],) for name in RING}
+    given: set[str] = set()
+    for word in words:
+        name, _, values = word.partition("=")
+        if name not in SWEPT:
+            raise ValueError(f"{word}: give NAME=VALUE,... with NAME one of {', '.join(SWEPT)}")
+        if name in given:
+            raise ValueError(f"{name}: given twice; give its values once")
+        given.add(name)
+        setting = SWEPT[name]
+        number = setting.kind if setting.kind in (int, float) else str
+        try:
+            sweep[name] = [number(value) for value in values.split(",")]
+        except ValueError:
+            raise ValueError(f"{word}: give numbers with commas between them") from None
+        hint: Any = Annotated[setting.kind, setting.quantity]
+        for value, count in Counter(sweep[name]).items():
+            check(hint, value, name)
+            if count > 1:
+                raise ValueError(f"{name}: {value} is given twice; give it once")
+    designs, dropped = buildable(sweep)
+    if not designs:
+        raise ValueError(f"radius_m: no design is left ({'; '.join(dropped)}); give a larger one")
+    return sweep
+
+
+def grid(sweep: Sweep) -> Iterator[Design]:
+    """Yield every design of a sweep, the number of detectors changing fastest."""
+    every = itertools.product(*(sweep[name] for name in RING))
+    # One lamp is in the middle.
+    rings = list(dict.fromkeys(ring if ring[0] > 1 else (1, 0.0, 0.0) for ring in every))
+    for shape in sweep["shape"]:
+        radii = sweep["radius_m"] if shape == "curved" else (None,)
+        arrays = itertools.product(radii, sweep["width_m"], sweep["beam_sigma_deg"])
+        for array, ring, side in itertools.product(arrays, rings, sweep["detectors_per_side"]):
+            radius_m, width_m, sigma_deg = array
+            yield Design(shape, side, width_m, radius_m, sigma_deg, *ring)
+
+
+def buildable(sweep: Sweep) -> tuple[list[Design], dict[str, int]]:
+    """List the designs of a sweep that can be built, and count the others by their faults."""
+    faults = {design: _fault(design) for design in grid(sweep)}
+    dropped = Counter(filter(None, faults.values()))
+    return [design for design, fault in faults.items() if not fault], dict(dropped)
+
+
+def _fault(design: Design) -> str:
+    """Say why a design cannot be built, alike for all that share the reason; empty: it can be."""
+    try:
+        ArraySettings(design.shape, 2, design.width_m, 0.0, design.radius_m)
+    except ValueError:
+        return f"{design.width_m:g} m wide on a sphere of {design.radius_m:g} m: corners beyond it"
+    if design.lamps > 1 and not (design.spread_m or design.tilt_deg):
+        return "several lamps in one place that point the same way"
+    return ""
+
+
+def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount = "front") -> Scene:
+    """Return a scene with the array and the lamp of a design, and the lamp's power set.
+
+    By a power of ``flux`` the lamp emits as much light as the scene's, into a beam of another
+    width. ``flux_in_range`` is the same light, but where the aligned array would read more of it at
+    the reference range than the scene's does, the gain is turned down until it reads the same;
+    noise behind the gain stays as it is in counts. By ``counts`` the lamp is as strong as it takes
+    for the same reading. By a mount of ``front`` the foremost point of the array stays where the
+    scene's is, by ``centre`` the array's frame, as Eren et al. (2016) have it. A ValueError says
+    that the array cannot be built, or gets no light at the reference range.
+    """
+    bow_m = scene.array.bow_m
+    if mount == "front":
+        bow_m += (scene.array.radius_m or 0.0) - (design.radius_m or 0.0)
+    side, radius_m = design.detectors_per_side, design.radius_m
+    array = ArraySettings(design.shape, side, design.width_m, bow_m, radius_m)
+    lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=design.beam_sigma_deg)
+    own, ring = Design.of(scene), {name: getattr(design, name) for name in RING}
+    lamps = scene.lamps if ring.items() <= vars(own).items() else ring_of_lamps(**ring)
+    if lamps and not scene.lamps:
+        raise ValueError(
+            f"lamps: {design.lamps}: scene {scene.name} has one and no prior of several; take one "
+            "that extends leading_lights"
+        )
+    changed = dataclasses.replace(scene, array=array, lamp=lamp).with_lamps(lamps)
+    if power == "counts" or design == own:
+        return changed
+    own_sr, beam_sr = (
+        beam_solid_angle(math.radians(it.beam_sigma_deg)) for it in (scene.lamp, design)
+    )
+    brighter = ForwardModel(scene).power * own_sr / beam_sr / ForwardModel(changed).power
+    if power == "flux_in_range" and brighter > 1:
+        return with_gain(changed, 1 / brighter)
+    lamp = dataclasses.replace(lamp, reference_counts=brighter * lamp.reference_counts)
+    return dataclasses.replace(changed, lamp=lamp)
+
+
+def with_gain(scene: Scene, gain: float) -> Scene:
+    """Return a scene whose electronics give `gain` times the counts for the same light.
+
+    The lamp's `reference_counts` are not touched: they say how strong the lamp is after the change.
+    """
+    effects = {name: dict(settings) for name, settings in scene.effects.items()}
+    for name, key, power in WITH_GAIN:
+        if effects.get(name, {}).get(key) is not None:
+            effects[name][key] *= gain**power
+    std_counts = gain * scene.prior.ambient_std_counts
+    prior = dataclasses.replace(scene.prior, ambient_std_counts=std_counts)
+    return dataclasses.replace(scene, effects=effects, prior=prior)
+
+
+@dataclass(frozen=True)
+class ScoredDesign(Design):
+    """A design and what it is worth.
+
+    Spectral angles of a ``shift`` by 0.2 m and a ``yaw`` by 10 deg are the smaller of both signs;
+    nan where the aligned image is flat. ``sigmas`` are these over the RMS angle by which noise
+    moves the signature there.
+    """
+
+    reference_counts: float
+    shift_near_deg: float  # at 4 m
+    yaw_near_deg: float
+    shift_deg: float  # the least of `RANGES_M`
+    yaw_deg: float
+    shift_near_sigmas: float
+    yaw_near_sigmas: float
+    shift_sigmas: float
+    yaw_sigmas: float
+    position_m: float  # RMS bounds over the volume, as `known_volume_std`
+    angle_deg: float
+    lit: float  # share of the volume where the image peaks above `MIN_PEAK_COUNTS`
+    lit_position_m: float  # bounds of the image alone there; nan for no place, inf: unobservable
+    lit_angle_deg: float
+
+    @property
+    def resolved_at_4m(self) -> bool:
+        """Whether both moves reach the paper's threshold at 4 m, which is where it decides."""
+        return min(self.shift_near_deg, self.yaw_near_deg) >= THRESHOLD_DEG
+
+    @property
+    def resolved_4_to_8m(self) -> bool:
+        """Whether they do from 4 to 8 m, which is what it claims."""
+        return min(self.shift_deg, self.yaw_deg) >= THRESHOLD_DEG
+
+    @property
+    def resolved(self) -> str:
+        """Say where both moves reach the threshold."""
+        return "4 to 8 m" if self.resolved_4_to_8m else "4 m" if self.resolved_at_4m else "none"
+
+    @property
+    def sigmas(self) -> float:
+        """The lesser of `shift_sigmas` and `yaw_sigmas`."""
+        return min(self.shift_sigmas, self.yaw_sigmas)
+
+    @property
+    def design(self) -> Design:
+        """The design alone."""
+        return Design(*(vars(self)[field.name] for field in dataclasses.fields(Design)))
+
+    @property
+    def is_papers_array(self) -> bool:
+        """Whether it has the array that the paper chooses, whatever its lamp."""
+        return vars(self) | PAPER == vars(self)
+
+    def columns(self) -> dict[str, Any]:
+        """Return the values by column."""
+        near, far = self.resolved_at_4m, self.resolved_4_to_8m
+        resolved = {"resolved_at_4_m": near, "resolved_4_to_8_m": far}
+        return {**vars(self), "detectors": self.detectors, **resolved}
+
+
+def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
+    """Score the array and lamp of a scene; the bound at `poses` ``(n, 5)``, noise from `rng`."""
+    model = ForwardModel(scene)
+    shape, side = scene.array.shape, scene.array.detectors_per_side
+    # Of both signs of a move the smaller angle.
+    ranges_m = volume.RANGES_M
+    moved_deg = np.array([
+        [angles_deg(scene, Conditions(shape, side, m, motion), [by, -by]).min() for m in ranges_m]
+        for motion, by in WANTED.items()
+    ])  # fmt: skip
+    noise_deg = np.array([signature_noise_deg(model, range_m, rng) for range_m in ranges_m])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sigmas = moved_deg / np.where(noise_deg > ROUNDING_DEG, noise_deg, 0.0)
+    known, alone, lit = bounds(model, poses)
+    values: list[Any] = [*vars(Design.of(scene)).values(), scene.lamp.reference_counts]
+    for measure in (moved_deg, sigmas):
+        values += [*measure[:, 0].tolist(), *measure.min(axis=1).tolist()]
+    values += [*position_and_angle(known), float(lit.mean()), *position_and_angle(alone[lit])]
+    return ScoredDesign(*values)
+
+
+def signature_noise_deg(model: ForwardModel, range_m: float, rng: np.random.Generator) -> float:
+    """Return by what angle noise moves the signature of the aligned array, deg, RMS of draws."""
+    pose = from_paper_axes([range_m, 0, 0, 0, 0])
+    clean, peak = together(model.expected(pose)), model.scene.signature.peak
+    on_axis_counts = float(clean.max())
+    calm = paper_signature(clean, on_axis_counts, peak)
+    squares = 0.0
+    for poses in _blocks(model, np.broadcast_to(pose, (NOISE_DRAWS, 5))):
+        readings = together(model.expose(poses, rng))
+        angles = spectral_angle(calm, paper_signature(readings, on_axis_counts, peak))
+        squares += float((angles**2).sum())
+    return math.degrees(math.sqrt(squares / NOISE_DRAWS))
+
+
+def bounds(model: ForwardModel, poses: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return least standard deviations at poses, m and rad, ``(n, 5)``, and where there is light.
+
+    Of an image whose pose is known to lie in the volume, and of the image alone.
+    """
+    parts = []
+    for block in _blocks(model, poses):
+        bound = cramer_rao_bound(model, block)
+        lit = model.expected(block).max(axis=(-2, -1)) > volume.MIN_PEAK_COUNTS
+        parts.append((volume.known_volume_std(bound.information), bound.std, lit))
+    known, alone, where = map(np.concatenate, zip(*parts, strict=True))
+    return known, alone, where
+
+
+def _blocks(model: ForwardModel, poses: Array) -> list[Array]:
+    """Part poses into as many as are worked on at a time, which bounds the memory."""
+    step = max(1, BLOCK_READINGS // model.array.side**2)
+    return np.array_split(poses, range(step, len(poses), step))
+
+
+POWER = Quantity(
+    "lamps of equal flux; the same with the gain turned down where they would read brighter than "
+    "the scene's own; or lamps of equal counts"
+)
+MOUNT = Quantity(
+    "what stays in its place: the foremost point, or the array's frame, which is the centre of a "
+    "sphere as in the paper"
+)
+
+
+@dataclass(frozen=True)
+class Scoring:
+    """How designs are scored; `power` and `mount` as in `designed`."""
+
+    power: Annotated[Power, POWER] = "flux"
+    mount: Annotated[Mount, MOUNT] = "front"
+    poses: Annotated[int, Quantity("poses at which the bound is taken", "", 1, 1e7)] = 1000
+
+    def origin(self, scene: Scene) -> dict[str, Any]:
+        """Return what scores depend on beside the design."""
+        about = {"scene": scene.name, "fingerprint": scene.fingerprint}
+        return {**about, **vars(self), "seed": SEED}
+
+    def scored(self, scene: Scene, designs: Iterator[Design]) -> Iterator[ScoredDesign]:
+        """Yield designs of a scene's array and lamp with their scores."""
+        poses = volume.uniform_poses(self.poses, np.random.default_rng([SEED, 0]))
+        for design in designs:
+            built = designed(scene, design, self.power, self.mount)
+            yield score(built, poses, np.random.default_rng([SEED, 1]))
+
+
+def scored_before(path: Path, origin: Mapping[str, Any]) -> list[ScoredDesign]:
+    """Read the designs that a file has scores of.
+
+    ValueError where they depend on something else than the `origin`; of a scene its fingerprint
+    counts, not its name.
+    """
+    there, rows = read(path, ScoredDesign)
+    differ = "; ".join(
+        f"{name} is {there.get(name)} there and {value} here"
+        for name, value in origin.items()
+        if there and name != "scene" and there.get(name) != str(value)
+    )
+    if differ:
+        error = f"{path}: holds results of another run: {differ}"
+        raise ValueError(f"{error}; remove the file or name another")
+    return rows
 
 
 def front(rows: Sequence[ScoredDesign]) -> list[ScoredDesign]:
@@ -57,22 +433,22 @@ def front(rows: Sequence[ScoredDesign]) -> list[ScoredDesign]:
 
 @dataclass(frozen=True)
 class Choice:
-    """What a sweep offers: the Pareto-optimal designs among its scored ones."""
+    """What a sweep offers: the Pareto-optimal designs among the scored ones about a scene's."""
 
-    study: DesignStudy
+    scene: Scene
     rows: Sequence[ScoredDesign]
 
     @functools.cached_property
     def fronts(self) -> dict[str, list[ScoredDesign]]:
         """Fronts of what is no wider than the scene's array, of what resolves, and of all."""
-        fits = [row for row in self.rows if row.width_m <= self.study.scene.array.width_m]
+        fits = [row for row in self.rows if row.width_m <= self.scene.array.width_m]
         resolved = [row for row in fits if row.resolved_at_4m]
         return {"fits": front(fits), "resolved": front(resolved), "any": front(self.rows)}
 
     @functools.cached_property
     def papers(self) -> list[ScoredDesign]:
         """The paper's array with the scene's lamps, where it is swept."""
-        own = dataclasses.replace(Design.of(self.study.scene), **PAPER)
+        own = dataclasses.replace(Design.of(self.scene), **PAPER)
         return [row for row in self.rows if row.design == own]
 
     @functools.cached_property
@@ -83,50 +459,42 @@ class Choice:
 
     def table(self, numbers: Collection[int] | None = None) -> str:
         """Return `numbered` as a table, or those of some numbers, from 1."""
-        heads = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "", "15 deg", "")
-        width = max(51, 2 + max((len(row.label) for row in self.numbered), default=0))
-        line = f"{{:>3}} {{:<{width}}}{{:>8}}{{:>7}}{{:>5}}{{:>12}}{{:>12}}{{:>7}}  {{:<9}}{{}}"
-        units = ("m", "deg", "%", "deg", "deg", "sigma", "at", "front")
-        lines = [line.format("no", "design", *heads), line.format("", "", *units)]
+        heads = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "")
+        lines: list[tuple[object, ...]] = [
+            ("no", "design", "front", "15 deg", *heads),
+            ("", "", "", "at", "m", "deg", "%", "deg", "deg", "sigma"),
+        ]
         for number, row in enumerate(self.numbered, start=1):
             if numbers is not None and number not in numbers:
                 continue
             on_fronts = [name for name, rows in self.fronts.items() if row in rows] or ["none"]
+            standing = ", ".join(on_fronts) + "; the paper's array" * row.is_papers_array
             bounds = f"{row.position_m:.3f}", f"{row.angle_deg:.2f}", f"{100 * row.lit:.0f}"
             near = f"{row.shift_near_deg:.1f}, {row.yaw_near_deg:.1f}"
-            far = f"{row.shift_deg:.1f}, {row.yaw_deg:.1f}", f"{row.sigmas:.1f}", row.resolved
-            standing = ", ".join(on_fronts) + "; the paper's array" * row.is_papers_array
-            lines.append(line.format(number, row.label, *bounds, near, *far, standing))
-        return "\n".join(lines)
-
-    @property
-    def resolved_counts(self) -> tuple[int, int, int]:
-        """How many meet the criterion at 4 m, from 4 to 8 m, and there beyond noise."""
-        far = [row for row in self.rows if row.resolved_4_to_8m]
-        clear = sum(row.sigmas >= CLEAR_SIGMAS for row in far)
-        return sum(row.resolved_at_4m for row in self.rows), len(far), clear
+            far = f"{row.shift_deg:.1f}, {row.yaw_deg:.1f}", f"{row.sigmas:.1f}"
+            lines.append((number, row.label, standing, row.resolved, *bounds, near, *far))
+        return columns(lines, 4)
 
     def as_object(self) -> dict[str, Any]:
         """Return plain values; None is not known, or has no bound."""
         at = {id(row): i for i, row in enumerate(self.rows)}
         return {
-            **self.study.origin,
-            "sweep": vars(self.study.sweep),
             "designs": [row.columns() for row in self.rows],
             "fronts": {name: [at[id(row)] for row in rows] for name, rows in self.fronts.items()},
             "numbered": [at[id(row)] for row in self.numbered],
             "papers_array": [i for i, row in enumerate(self.rows) if row.is_papers_array],
-            "dropped": self.study.sweep.dropped(),
         }
 
 
 def report(choice: Choice) -> str:
     """Return the designs that are listed, and how many meet the criterion."""
-    near, far, clear = choice.resolved_counts
+    far = [row for row in choice.rows if row.resolved_4_to_8m]
+    near = sum(row.resolved_at_4m for row in choice.rows)
+    clear = sum(row.sigmas >= CLEAR_SIGMAS for row in far)
     return (
         f"{choice.table()}\n\n"
         f"{near} of {len(choice.rows)} designs tell 0.2 m and 10 deg apart by 15 deg at 4 m, "
-        f"{far} from 4 to 8 m;\nof these, {clear} by {CLEAR_SIGMAS:g} or more standard "
+        f"{len(far)} from 4 to 8 m;\nof these, {clear} by {CLEAR_SIGMAS:g} or more standard "
         "deviations of their signature's noise"
     )
 
@@ -139,49 +507,53 @@ BOUNDS = {
 # Where the shapes of a number of detectors are, how wide each is, and where labels end, of the
 # distance between two numbers of detectors.
 CENTRE: dict[Shape, float] = {"planar": -0.3, "curved": 0.04}
-BAND = 0.3
-LANE = 0.485
-LABEL_GAP = 0.045  # between labels, of the height of the axes
+BAND, LANE = 0.3, 0.485
 CLOSE_UP_SIDE = 5
 
 
-def draw(choice: Choice) -> Any:
+def draw(choice: Choice, about: str) -> Any:
     """Draw bounds against detectors, lamp, size and radius, and list the designs that fit."""
-    study, rows = choice.study, choice.rows
+    rows, mark = choice.rows, style.mark
     listed = [*choice.fronts["fits"], *choice.papers]
     named = {number: row for number, row in enumerate(choice.numbered, start=1) if row in listed}
-    figure, mark, width_m = style.new_figure(14, 13), style.mark, study.scene.array.width_m
+    figure = style.new_figure(14, 13)
     parts: Any = figure.subfigures(3, 1, height_ratios=[5, 4, 2.4])
     for axes, name in zip(parts[0].subplots(1, 2), BOUNDS, strict=True):
         _all_designs(axes, choice, named, name)
     by_beam, by_radius, criterion = parts[1].subplots(1, 3)
-    _close_up(by_beam, by_radius, choice)
+    side = min((row.detectors_per_side for row in rows), key=lambda n: abs(n - CLOSE_UP_SIDE))
+    alike = [row for row in rows if row.detectors_per_side == side]
+    _best(by_beam, alike, "beam_sigma_deg", "radius_m", "radius {:g} m")
+    by_beam.set(xlabel="standard deviation of the beam (deg)", title=f"the best {side} x {side}")
+    if len({row.lamps for row in rows}) > 1:
+        _best(by_radius, alike, "lamps", "ring", "{}")
+        by_radius.set_xlabel("lamps, so far from their middle and turned outwards")
+    else:
+        _best(by_radius, [r for r in alike if r.radius_m], "radius_m", "width_m", "{:g} m wide")
+        by_radius.set_xlabel("radius of the sphere (m)")
     _dots(criterion, [min(row.shift_deg, row.yaw_deg) for row in rows], rows, "angle_deg")
-    _levels(criterion, "angle_deg")
     criterion.axvline(THRESHOLD_DEG, color="k", lw=1)
     criterion.set_xlabel("least spectral angle of 0.2 m and 10 deg, 4 to 8 m (deg)")
     criterion.set_title(f"the paper's criterion, {THRESHOLD_DEG:g} deg, and the bound")
-    left, right = parts[2].subplots(1, 2, gridspec_kw={"width_ratios": [2.2, 1]})
-    text = choice.table(named)
-    size = 7.5 * min(1.0, 135 / max(map(len, text.splitlines())))
-    style.write_table(left, text, size, 1.3)
+    left, right = parts[2].subplots(1, 2, width_ratios=(2.2, 1))
+    style.write_table(left, choice.table(named), 7.0, 1.3)
     right.set_axis_off()
+    fits = f"front 'fits': no wider than {choice.scene.array.width_m:g} m, numbered"
     handles = [
         *(mark(f"{s}; wider arrays to the right", color=c) for s, c in style.SHAPE_COLOURS.items()),
-        mark(f"front 'fits': no wider than {width_m:g} m, numbered", "", color="k", lw=1.2),
+        mark(fits, "", color="k", lw=1.2),
         mark("front 'any': of any width", "", color="k", lw=1.2, ls="--"),
         mark("specification of the paper", "", color=style.SPECIFIED, lw=1.4, ls="--"),
         mark("no measurement at all", "", color="0.5", lw=1.4, ls=":"),
     ]
     right.legend(handles=handles, loc="upper left", fontsize=10, frameon=False)
-    how = f"{study.power}; mount: {study.mount}; {study.poses} poses, seed {design_sweep.SEED}"
-    title = f"What to build: {len(rows)} designs of array and lamp, scene {study.scene.name}"
-    figure.suptitle(f"{title}\nlamp power: {how}", fontsize=13)
+    title = f"What to build: {len(rows)} designs of array and lamp, scene {choice.scene.name}"
+    figure.suptitle(f"{title}\n{about}", fontsize=13)
     return figure
 
 
-def _levels(axes: Any, name: str) -> None:
-    """Draw the specification and what is known without light, and set up the axis of bounds."""
+def _bounds_axis(axes: Any, name: str) -> None:
+    """Set up the axis of a bound, with the specification and what is known without light."""
     label, wanted, free = BOUNDS[name]
     axes.axhline(wanted, color=style.SPECIFIED, ls="--", lw=1.4, zorder=1)
     axes.axhline(free, color="0.5", ls=":", lw=1.4, zorder=1)
@@ -191,10 +563,11 @@ def _levels(axes: Any, name: str) -> None:
 
 
 def _dots(axes: Any, x: Sequence[float], rows: Sequence[ScoredDesign], name: str) -> None:
-    """Draw designs as pale dots, coloured by their shape."""
+    """Draw a bound of designs as pale dots, coloured by their shape."""
     colours = [style.SHAPE_COLOURS[row.shape] for row in rows]
     y = [getattr(row, name) for row in rows]
     axes.scatter(x, y, s=9, c=colours, alpha=0.3, lw=0, zorder=2)
+    _bounds_axis(axes, name)
 
 
 def _all_designs(axes: Any, choice: Choice, named: dict[int, ScoredDesign], name: str) -> None:
@@ -208,7 +581,6 @@ def _all_designs(axes: Any, choice: Choice, named: dict[int, ScoredDesign], name
         return sides.index(row.detectors_per_side) + CENTRE[row.shape] + BAND * share
 
     _dots(axes, [place(row) for row in rows], rows, name)
-    _levels(axes, name)
     for i in range(1, len(sides)):
         axes.axvline(i - 0.5, color="0.85", lw=0.8, zorder=0)
     axes.grid(visible=False, axis="x")
@@ -226,77 +598,41 @@ def _all_designs(axes: Any, choice: Choice, named: dict[int, ScoredDesign], name
         for n, row in of_side.items():
             colour = style.SHAPE_COLOURS[row.shape]
             axes.plot(*points[n], "o", color=colour, ms=6, mec="k", zorder=3)
-        style.number_points(axes, points, (i + 0.5 + LANE) / len(sides), LABEL_GAP, ha="right")
+        style.number_points(axes, points, (i + 0.5 + LANE) / len(sides), ha="right")
 
 
-def _close_up(by_beam: Any, by_radius: Any, choice: Choice) -> None:
-    """Draw one number of detectors: against the lamp's beam, and against sphere or lamps."""
-    own, rows = Design.of(choice.study.scene), choice.rows
-    wanted = dataclasses.replace(own, detectors_per_side=CLOSE_UP_SIDE)
-    alike = ["detectors_per_side", "width_m", "beam_sigma_deg"]
-
-    def nearest(*names: str) -> ScoredDesign:
-        return min(rows, key=lambda row: [abs(vars(row)[n] - vars(wanted)[n]) for n in names])
-
-    # The values that stand for all.
-    stands = {name: getattr(nearest(name), name) for name in alike}
-    ring = nearest(*design_sweep.RING)
-    stands |= {"ring": ring.ring, "lamps": ring.lamps}
-    side, width, sigma = (stands[name] for name in alike)
-    array, beam = f"{side} x {side} on {width:g} m", f"beam of {sigma:g} deg"
-
-    def same(*names: str) -> list[ScoredDesign]:
-        """Return designs with the detectors that stand for all, and more alike."""
-        return [r for r in rows if all(getattr(r, n) == stands[n] for n in (alike[0], *names))]
-
-    _lines(by_beam, same("width_m", "ring", "lamps"), "beam_sigma_deg", "radius_m",
-           "radius {:g} m", "viridis")  # fmt: skip
-    by_beam.set(xlabel="standard deviation of the beam (deg)", title=array)
-    if len(choice.study.sweep.lamps) > 1:
-        of_array = [r for r in same("width_m", "beam_sigma_deg") if r.radius_m == own.radius_m]
-        _lines(by_radius, of_array, "lamps", "ring", "{}", "viridis")
-        label = "lamps, so far from their middle and turned outwards"
-        by_radius.set(xlabel=label, title=f"{array}, {beam}")
-        return
-    of_sigma = [row for row in same("beam_sigma_deg", "ring", "lamps") if row.radius_m]
-    _lines(by_radius, of_sigma, "radius_m", "width_m", "{:g} m wide", "cividis")
-    by_radius.set(xlabel="radius of the sphere (m)", title=f"{side} x {side}, {beam}")
-
-
-def _lines(
-    axes: Any, rows: Sequence[ScoredDesign], x_name: str, group_name: str, label: str, cmap: str
-) -> None:
-    """Draw the bound on the position against a setting, a line for each value of another one."""
+def _best(axes: Any, rows: Sequence[ScoredDesign], x: str, group: str, label: str) -> None:
+    """Draw the best bound on the position by a setting, a line for each value of another one."""
     from matplotlib.ticker import NullLocator
 
-    lines: dict[Any, list[tuple[float, float]]] = {}
-    for row in rows:
-        point = getattr(row, x_name), row.position_m
-        lines.setdefault(getattr(row, group_name), []).append(point)
-    values = sorted(lines.keys() - {None})
-    colours = [*style.shades(cmap, 0, 0.88, len(values)), style.SHAPE_COLOURS["planar"]]
-    for value, colour in zip([*values, None], colours, strict=True):
-        if value in lines:
-            x, y = np.transpose(sorted(lines[value]))
-            text = "planar" if value is None else label.format(value)
-            axes.plot(x, y, "o-", color=colour, lw=1.5, ms=4, label=text)
-    _levels(axes, "position_m")
+    lines: dict[Any, dict[Any, float]] = {}
+    # Of all with the same values the best is the last.
+    for row in sorted(rows, key=lambda row: row.position_m, reverse=True):
+        lines.setdefault(getattr(row, group), {})[getattr(row, x)] = row.position_m
+    flat, values = lines.pop(None, {}), sorted(lines)
+    for value, colour in zip(values, style.shades("viridis", 0, 0.88, len(values)), strict=True):
+        points = sorted(lines[value].items())
+        axes.plot(*zip(*points, strict=True), "o-", color=colour, ms=4, label=label.format(value))
+    if flat:
+        points = sorted(flat.items())
+        colour = style.SHAPE_COLOURS["planar"]
+        axes.plot(*zip(*points, strict=True), "o-", color=colour, ms=4, label="planar")
+    _bounds_axis(axes, "position_m")
     axes.set_xscale("log")
-    ticks = sorted({getattr(row, x_name) for row in rows})
+    ticks = sorted({getattr(row, x) for row in rows})
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.xaxis.set_minor_locator(NullLocator())
     if rows:
-        few = len(lines) < 7
-        axes.legend(fontsize=9 if few else 6, ncols=1 if few else 2, framealpha=0.85)
+        axes.legend(fontsize=8, framealpha=0.85)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
-    about = f"values of {', '.join(design_sweep.SWEPT)} (default: a grid about the scene's own)"
+    about = f"values of {', '.join(SWEPT)} (default: a grid about the scene's own)"
     parser.add_argument("--sweep", nargs="+", default=[], metavar="NAME=VALUE,...", help=about)
     scored = parser.add_argument_group("how it is scored")
-    options.add_settings(scored, DesignStudy, *design_sweep.HOW)
+    options.add_settings(scored, Scoring)
     written = parser.add_argument_group("what is written")
     about = "picture, with the CSV of every design beside it (default: SCENE.design.png here)"
     outputs.add_picture(written, None, about=about)
@@ -307,40 +643,39 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Score what is not scored yet, and print, write and draw it."""
-    scene = options.scene_of(args)
+    scene, how = options.scene_of(args), Scoring(**options.settings_of(args, Scoring))
     with options.checking_options():
-        sweep = design_sweep.sweep_of(scene, args.sweep)
-    study = DesignStudy(scene, sweep, **options.settings_of(args, DesignStudy, *design_sweep.HOW))
+        sweep = sweep_of(scene, args.sweep)
     picture = args.output or f"{scene.name}.design.png"
     picture = outputs.file_to_write(picture, "--output", outputs.PICTURE)
     csv = outputs.file_to_write(picture.with_suffix(".csv"), "--output")
-    results = Results(csv, ScoredDesign, study.origin)
-    told = sys.stderr if args.json else sys.stdout
-    if dropped := sweep.dropped():
-        count = sum(dropped.values())
+    told, origin = sys.stderr if args.json else sys.stdout, how.origin(scene)
+    before = scored_before(csv, origin)
+    designs, dropped = buildable(sweep)
+    if count := sum(dropped.values()):
         print(f"left out: {count} designs whose corners lie beyond their sphere", file=told)
-    if scored := study.swept(results):
-        print(f"{csv}: {len(scored)} designs are there already", file=told)
-    try:
-        study.score_rest(results)
-    except KeyboardInterrupt:
-        if not study.swept(results):
-            raise
-    choice = Choice(study, study.swept(results))
-    done, count = len(choice.rows), len(sweep.designs())
-    style.save(draw(choice), picture)
+    there = {row.design: row for row in before}
+    if known := [there[design] for design in designs if design in there]:
+        print(f"{csv}: {len(known)} designs are there already", file=told)
+    left = progress.over([design for design in designs if design not in there], "design")
+    scored, complete = until_interrupted(itertools.chain(known, how.scored(scene, left)))
+    write(csv, origin, [row.columns() for row in dict.fromkeys([*before, *scored])])
+    choice = Choice(scene, sorted(scored, key=lambda row: designs.index(row.design)))
+    about = f"lamp power: {how.power}; mount: {how.mount}; {how.poses} poses, seed {SEED}"
+    style.save(draw(choice, about), picture)
     written = [csv, picture]
     if args.take is not None:
         with options.checking_options():
             numbers = Annotated[int, Quantity("", "", 1, len(choice.numbered))]
             design = choice.numbered[check(numbers, args.take, "--take") - 1].design
         written.append(csv.with_suffix(f".{args.take}.yaml"))
-        taken = design_sweep.designed(scene, design, study.power, study.mount)
+        taken = designed(scene, design, how.power, how.mount)
         taken = scene_from_settings(taken.settings(), written[-1].stem)
         about = f"{design.label}, by uuv_array study design from {scene.name}"
         save_scene(taken, written[-1], about)
     names = [*map(str, written)]
-    result = {"complete": done == count, **choice.as_object(), "files": names}
-    text = f"{report(choice)}\n{done} designs: {', '.join(names)}"
-    missing = f"{done} of {count} designs; the same command resumes it"
-    return outputs.finish(args, result, text, done == count, missing)
+    result = {"complete": complete, **origin, "sweep": sweep, **choice.as_object()}
+    result |= {"dropped": dropped, "files": names}
+    text = f"{report(choice)}\n{len(scored)} designs: {', '.join(names)}"
+    missing = f"{len(scored)} of {len(designs)} designs; the same command resumes it"
+    return outputs.finish(args, result, text, complete, missing)

@@ -4,13 +4,12 @@ Measure error and time per frame of every method (sam, sam_interpolated, least_s
 published look-up and moments) on arrays of 3, 5, 7 and 21 detectors a side, planar and curved, with
 tables of 1e3 to 1e7 poses. Errors are of random poses 4 to 8 m behind the lamp, +-0.9 m and
 +-20 deg; times are from an image to its pose. The results, with the time to build each table, go
-into a CSV file and a picture in the output folder. A stopped run goes on where it was. See
-docs/results/tradeoff.md.
+into a CSV file and a picture in the output folder. See docs/results/tradeoff.md.
 
   uuv_array study tradeoff                   some settings of the reference scene
   uuv_array study tradeoff --full            all of them
   uuv_array study tradeoff --scene sea.yaml  your own scene, into sea.tradeoff/
-Ctrl-C ends it early and draws the settings that are measured.
+Ctrl-C ends it early and writes the settings that are measured.
 """
 
 import argparse
@@ -18,8 +17,6 @@ import dataclasses
 import math
 import os
 import platform
-import statistics
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +24,6 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.errors import NoPose
@@ -43,7 +39,7 @@ from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.plots import style
 from uuv_optical_array.studies.shared import errors, published
-from uuv_optical_array.studies.shared.results import STEP, Line, Results
+from uuv_optical_array.studies.shared.results import STEP, until_interrupted, write
 
 SETTINGS_CSV = "tradeoff.csv"
 SEED = 1
@@ -60,9 +56,6 @@ FRAMES: dict[Mode, int] = {"quick": 300, "full": 1000}
 QUICK_LOOK_UP_SIDE = 7
 # A setting that leaves more frames than this without a pose has no fair error, and is no choice.
 MOST_WITHOUT_POSE = 0.01
-# Work as a number of rows of a table: a calibration, a look-up, and a frame.
-OTHER_WORK = {MOMENTS: 1e5, LOOK_UP: 1e6}
-FRAME_WORK = 300
 QUICK_LEAVES_OUT = (
     "left out but for --full: tables of 1e7 poses, of 1e6 but on the scene's own array, of 1e3 and "
     "8e3 on arrays of the other shape, and the look-up but on planar arrays up to 7 x 7"
@@ -87,11 +80,6 @@ class Group(NamedTuple):
         array = dataclasses.replace(array, detectors_per_side=self.detectors_per_side, wiring=None)
         table = working_volume.volume_table(self.steps) if self.steps else scene.table
         return dataclasses.replace(scene, array=array, table=table)
-
-    def work(self, frames: int) -> float:
-        """Estimate how much work it is to measure so many frames."""
-        own = OTHER_WORK.get(self.methods[0], self.steps**5)
-        return own + frames * len(self.methods) * FRAME_WORK
 
 
 def plan(scene: Scene, mode: Mode) -> list[Group]:
@@ -124,14 +112,14 @@ def this_machine() -> str:
     return f"{' '.join(name.split())}, {os.cpu_count()} cores"
 
 
-def origin_of(scene: Scene, mode: Mode, seed: int = SEED) -> dict[str, Any]:
+def origin_of(scene: Scene, mode: Mode) -> dict[str, Any]:
     """Return what a measurement made now depends on beside its setting."""
     about = {"scene": scene.name, "fingerprint": scene.fingerprint, "machine": this_machine()}
-    return {**about, "mode": mode, "frames": FRAMES[mode], "seed": seed}
+    return {**about, "mode": mode, "frames": FRAMES[mode], "seed": SEED}
 
 
 @dataclass(frozen=True)
-class Measurement(Line):
+class Measurement:
     """The measured error and time of one setting, which is as in `Group`.
 
     Errors and bounds are RMS distances, and angles of pitch and yaw together: nan where no frame
@@ -220,95 +208,62 @@ def measure(scene: Scene, group: Group, frames: int, seed: int) -> list[Measurem
     return measured
 
 
-def measure_missing(scene: Scene, groups: Sequence[Group], results: Results[Measurement]) -> bool:
-    """Measure the groups that the results lack, with progress, and say whether all is there.
-
-    Ctrl-C ends it with the groups before it; it is raised where there are none.
-    """
-    rows = results.lines
-    measured = {(row.method, row.shape, row.detectors_per_side, row.steps) for row in rows}
-    left = [g for g in groups if not {(method, *g[:3]) for method in g.methods} <= measured]
-    if not left:
-        return True
-    folder, frames, seed = results.path.parent, results.origin["frames"], results.origin["seed"]
-    folder.mkdir(parents=True, exist_ok=True)
-    count, total = sum(len(g.methods) for g in groups), sum(g.work(frames) for g in left)
-    already = f", {len(rows)} are there" if rows else ""
-    print(f"{count} settings{already}; into {folder}", file=sys.stderr)
-    try:
-        with progress.counter(100, "%") as bar:
-            for group in left:
-                side, table = group.detectors_per_side, f" {group.steps}^5" * (group.steps > 0)
-                bar.set_description(f"{group.methods[-1]} {group.shape} {side} x {side}{table}")
-                results.append(measure(scene, group, frames, seed))
-                bar.update(100 * group.work(frames) / total)
-    except KeyboardInterrupt:
-        if not results.lines:
-            raise
-        return False
-    return True
+def measure_all(scene: Scene, mode: Mode) -> tuple[list[Measurement], bool]:
+    """Measure the settings of a mode, and say whether all are there, or Ctrl-C ended it early."""
+    rounds = progress.over(plan(scene, mode), "array and table")
+    groups, complete = until_interrupted(measure(scene, g, FRAMES[mode], SEED) for g in rounds)
+    return [row for group in groups for row in group], complete
 
 
-def at_one_speed(rows: Sequence[Measurement]) -> list[Measurement]:
-    """Return rows with times as if the machine had been as fast for all as for the median one."""
-    model_ms = statistics.median([row.model_ms for row in rows]) if rows else 0.0
-    scaled = []
-    for row in rows:
-        median_ms, p99_ms = (ms * model_ms / row.model_ms for ms in (row.median_ms, row.p99_ms))
-        times: dict[str, Any] = {"median_ms": median_ms, "p99_ms": p99_ms, "model_ms": model_ms}
-        scaled.append(dataclasses.replace(row, **times))
-    return scaled
-
-
-def fronts(rows: Sequence[Measurement]) -> dict[str, NDArray[np.bool_]]:
-    """Find which rows are on each Pareto front, by ``position`` and ``angle``, shape ``(n,)``.
+def fronts(rows: Sequence[Measurement]) -> dict[str, list[Measurement]]:
+    """Return the rows on each Pareto front, by ``position`` and ``angle``, the fastest first.
 
     The costs are the median time, in forward models, and one of the two errors. The middle of the
     volume is an estimate without any measurement, so a setting has to be better than that, and one
     that leaves frames without a pose is on no front. Time and error are rounded to steps of 10 %.
     Of settings that are then equal, only the one of least effort is on the front.
     """
-    on_front: dict[str, NDArray[np.bool_]] = {}
+
+    def step(cost: float) -> float:
+        return float(np.round(np.log(cost) / np.log(STEP)))
+
+    on_front: dict[str, list[Measurement]] = {name: [] for name in ERRORS}
+    posed = [row for row in rows if row.without_pose <= MOST_WITHOUT_POSE]
     for name, (column, _, which) in ERRORS.items():
-        costs = np.reshape([(row.models, getattr(row, column)) for row in rows], (-1, 2))
-        costs[[row.without_pose > MOST_WITHOUT_POSE for row in rows]] = np.inf
-        steps = np.round(np.log(costs) / np.log(STEP)).tolist()
-        least = np.round(np.log(volume_spread()[which]) / np.log(STEP))
-        on_front[name] = np.zeros(len(rows), dtype=bool)
-        for i in sorted(range(len(rows)), key=lambda i: (steps[i], rows[i].effort)):
-            if steps[i][1] < least:  # of those that are as fast or faster
-                on_front[name][i], least = True, steps[i][1]
+        costs = {row: (step(row.models), step(getattr(row, column))) for row in posed}
+        least = step(volume_spread()[which])
+        for row in sorted(posed, key=lambda row: (costs[row], row.effort)):
+            if costs[row][1] < least:  # of those that are as fast or faster
+                on_front[name].append(row)
+                least = costs[row][1]
     return on_front
 
 
-def numbered(rows: Sequence[Measurement]) -> list[int]:
-    """Return the places in `rows` of the settings on any front, the fastest first."""
-    on_front = np.any(list(fronts(rows).values()), axis=0)
-    return sorted(on_front.nonzero()[0].tolist(), key=lambda i: rows[i].models)
+def numbered(rows: Sequence[Measurement]) -> list[Measurement]:
+    """Return the settings on any front, the fastest first."""
+    on_front = {row for front in fronts(rows).values() for row in front}
+    return sorted(on_front, key=lambda row: row.models)
 
 
 def report(rows: Sequence[Measurement]) -> str:
-    """Return the table of the settings on a front, with times at one speed of the machine."""
-    rows = at_one_speed(rows)
+    """Return the table of the settings on a front."""
     heads = ("no", "setting", "position", "angle", "median", "99 %", "models", "front")
     lines: list[tuple[object, ...]] = [heads, ("", "", "m", "deg", "ms", "ms")]
     on_front = fronts(rows)
-    for number, i in enumerate(numbered(rows), start=1):
-        row = rows[i]
+    for number, row in enumerate(numbered(rows), start=1):
         off = f"{row.position_m:.3f}", f"{row.angle_deg:.2f}"
         times = f"{row.median_ms:.2f}", f"{row.p99_ms:.2f}", f"{row.models:.1f}"
-        names = " and ".join(name for name, front in on_front.items() if front[i])
+        names = " and ".join(name for name, front in on_front.items() if row in front)
         lines.append((number, row.label, *off, *times, names))
     return columns(lines, 2)
 
 
-LABEL_GAP, LABELS_AT, MARGIN = 0.05, 0.3, 0.35  # of the axes, which leave room for numbers
+LABELS_AT, MARGIN = 0.05, 0.2  # of the axes, which leave room for numbers
 PALE = 0.3  # how opaque the mark of a setting on no front is
 
 
 def draw(rows: Sequence[Measurement], about: str) -> Any:
     """Draw errors against time, every setting a mark; return the figure."""
-    rows = at_one_speed(rows)
     figure, mark = style.new_figure(14, 9.6), style.mark
     grid = figure.add_gridspec(2, 1, height_ratios=[3, 1])
     above = grid[0].subgridspec(1, 2)
@@ -332,20 +287,18 @@ def draw(rows: Sequence[Measurement], about: str) -> Any:
 def _draw_panel(axes: Any, rows: Sequence[Measurement], name: str) -> None:
     """Draw one of the errors of each setting, its front, and what it can be compared with."""
     column, title, which = ERRORS[name]
-    on_front = fronts(rows)[name]
-    for row, best in zip(rows, on_front, strict=True):
+    front = fronts(rows)[name]
+    for row in rows:
         colour = style.METHOD_COLOURS[row.method]
         look = {"marker": style.METHOD_MARKS[row.method], "fc": colour, "ec": colour, "s": 55}
         if row.without_pose > MOST_WITHOUT_POSE:
             look = {"marker": "x", "color": "0.5", "s": 30}
         elif row.shape == "planar":
             look["fc"] = "none"
-        alpha = 1.0 if best else PALE
+        alpha = 1.0 if row in front else PALE
         axes.scatter(row.median_ms, getattr(row, column), alpha=alpha, zorder=3, **look)
     axes.set(xscale="log", yscale="log", xlabel="median time of a frame (ms)", ylabel=title)
-    low, high = np.log(axes.get_xlim())
-    # Room for numbers left of all points.
-    axes.set_xlim(np.exp(low - (high - low) * MARGIN / (1 - MARGIN)), np.exp(high))
+    axes.margins(x=MARGIN)
     best = min(rows, key=lambda row: getattr(row, f"floor_{column}"))
     side, unit = best.detectors_per_side, column.rpartition("_")[2]
     wanted = float(SPECIFICATION[3 * which])
@@ -355,24 +308,18 @@ def _draw_panel(axes: Any, rows: Sequence[Measurement], name: str) -> None:
         (getattr(best, f"floor_{column}"), f"bound, {best.shape} {side} x {side}", "-.", "0.4"),
     ):
         axes.axhline(value, color=colour, ls=line, lw=1.5, zorder=1)
-        words = {"xytext": (0, 3), "textcoords": "offset points", "fontsize": 9}
-        axes.annotate(text, (0.01, value), xycoords=axes.get_yaxis_transform(), **words)
-    members = {number: rows[i] for number, i in enumerate(numbered(rows), 1) if on_front[i]}
-    points = {n: (row.median_ms, float(getattr(row, column))) for n, row in members.items()}
+        words = {"textcoords": "offset points", "fontsize": 9, "ha": "right"}
+        axes.annotate(text, (0.99, value), (0, 3), axes.get_yaxis_transform(), **words)
+    points = {
+        number: (row.median_ms, float(getattr(row, column)))
+        for number, row in enumerate(numbered(rows), 1)
+        if row in front
+    }
     axes.step(*zip(*points.values(), strict=True), where="post", color="k", lw=1.5, zorder=2.5)
-    style.number_points(axes, points, LABELS_AT, LABEL_GAP)
+    style.number_points(axes, points, LABELS_AT)
     axes.grid(alpha=0.3, which="both", lw=0.4)
     for axis in (axes.xaxis, axes.yaxis):
         style.plain_log_ticks(axis)
-    above = axes.secondary_xaxis("top", functions=(_inverse, _inverse))
-    above.set_xlabel("frames per second")
-    above.xaxis.set_major_formatter("{x:g}")
-
-
-def _inverse(values: ArrayLike) -> Array:
-    """Turn ms into frames per second, and back."""
-    with np.errstate(divide="ignore"):
-        return 1e3 / np.asarray(values, dtype=float)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -386,14 +333,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure what is missing, and draw and print the results."""
+    """Measure, and write, draw and print the results."""
     scene = options.scene_of(args)
     mode: Mode = get_args(Mode)[args.full]
     folder = outputs.folder_to_write(args.output or f"{scene.name}.tradeoff", "--output")
-    results = Results(folder / SETTINGS_CSV, Measurement, origin_of(scene, mode))
-    groups = plan(scene, mode)
-    complete, rows = measure_missing(scene, groups, results), results.lines
-    loads, origin = [row.load_average for row in rows], results.origin
+    origin = origin_of(scene, mode)
+    rows, complete = measure_all(scene, mode)
+    folder.mkdir(parents=True, exist_ok=True)
+    write(folder / SETTINGS_CSV, origin, [vars(row) for row in rows])
+    loads = [row.load_average for row in rows]
     load = f"load average {min(loads):.1f} to {max(loads):.1f}"
     about = f"scene {scene.name}, {origin['frames']} frames each; {origin['machine']}, {load}"
     pictures = [str(folder / f"tradeoff{suffix}") for suffix in (".png", ".pdf")]
@@ -408,9 +356,9 @@ def run(args: argparse.Namespace) -> int:
         f"file: {folder / SETTINGS_CSV}",
         f"pictures: {', '.join(pictures)}",
     ]
-    labels = {name: [rows[i].label for i in on.nonzero()[0]] for name, on in fronts(rows).items()}
-    result = {"complete": complete, **origin, "settings": [row.columns() for row in rows]}
+    labels = {name: [row.label for row in front] for name, front in fronts(rows).items()}
+    result = {"complete": complete, **origin, "settings": [vars(row) for row in rows]}
     result |= {"fronts": labels, "pictures": pictures}
-    count = sum(len(group.methods) for group in groups)
-    missing = f"{len(rows)} of {count} settings; run it again to go on"
+    count = sum(len(group.methods) for group in plan(scene, mode))
+    missing = f"{len(rows)} of {count} settings"
     return outputs.finish(args, result, "\n".join(lines), complete, missing)

@@ -7,7 +7,6 @@ import re
 import command_line
 import numpy as np
 import pytest
-from labels import assert_apart
 from matplotlib.collections import QuadMesh
 from scenes import SHAPES, make_scene, std_m_deg
 
@@ -105,17 +104,6 @@ def test_a_picture_is_drawn_even_where_little_is_observable(shape, beam_sigma_de
     meshes = [axes.findobj(QuadMesh)[0].get_array() for axes in maps]
     assert len(meshes) == 6
     assert all(mesh.shape == (7, 5) for mesh in meshes)
-
-
-def test_contour_labels_lie_apart_and_off_the_axis_where_contours_meet():
-    exact = load_scene("reference")  # in which the contours of the planar array meet at y = 0
-    figure = figure_of(exact, np.linspace(4, 8, 7), np.linspace(-1, 1, 13))
-    figure.draw_without_rendering()
-    maps = [axes for axes in figure.axes if axes.get_ylabel() == "y, port (m)"]
-    labels = [label for axes in maps for label in axes.texts]
-    assert len(labels) > 8
-    assert min(abs(label.get_position()[1]) for label in labels) > 0.1
-    assert_apart([(label, label.get_window_extent()) for label in labels])
 
 
 def test_another_shape_keeps_the_rest_of_the_scene():

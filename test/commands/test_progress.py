@@ -31,14 +31,6 @@ def test_a_file_gets_lines_at_their_interval(capsys, monkeypatch):
     assert re.findall(r"^(\d)/5 step", capsys.readouterr().err, re.MULTILINE) == list("12345")
 
 
-def test_shares_that_add_up_to_more_than_the_whole_by_rounding_end_it(capsys):
-    with progress.counter(100, "%") as bar:
-        for share in (100 / 3, 100 / 3, 100 / 3 + 1e-9):
-            bar.update(share)
-        assert bar.n == 100
-    assert "Warning" not in capsys.readouterr().err
-
-
 def test_rounds_without_a_number_are_counted(capsys):
     assert list(progress.over(iter("abc"), "step")) == ["a", "b", "c"]
     assert capsys.readouterr().err == "1 step [00:00]\n3 step [00:00]\n"

@@ -191,7 +191,7 @@ def test_lamps_of_one_power_are_compared_in_three_seas(tmp_path):
     rows = {(row["lamps"], row["sea"]): row for row in answer["lamps"]}
     assert list(rows) == [(n, sea) for n in (1, 2, 3, 4) for sea in ("known", "drawn", "cloud")]
     assert matplotlib.image.imread(picture).shape[2] == 4
-    accuracy.draw_lamps(answer["lamps"][:5], "interrupted").draw_without_rendering()
+    accuracy.draw(answer["lamps"][:5], "interrupted", "lamps").draw_without_rendering()
     lines = accuracy.lamps_table(answer["lamps"]).splitlines()[2:]
     for line, row in zip(lines, rows.values(), strict=True):
         x, _, _, pitch, yaw = row["rms_error"].values()

@@ -24,12 +24,6 @@ class _Lines:
         pass
 
 
-class _Progress(tqdm):  # type: ignore[misc]  # tqdm has no types
-    def update(self, n: float = 1) -> Any:
-        """Count on; what rounding leaves beyond the end is dropped."""
-        return super().update(n if self.total is None else min(n, self.total - self.n))
-
-
 def counter(total: float | None, unit: str, what: str = "") -> Any:
     """Return a display of progress, a context with ``update(n)``; a `total` of None is unknown."""
     terminal = sys.stderr.isatty()
@@ -41,7 +35,7 @@ def counter(total: float | None, unit: str, what: str = "") -> Any:
     if not terminal:
         how |= {"file": _Lines(), "mininterval": EVERY_S, "delay": 1e-9}
     # The remaining time is by the mean speed.
-    display = _Progress(bar_format=form, smoothing=0, miniters=1, **how)
+    display = tqdm(bar_format=form, smoothing=0, miniters=1, **how)
     if not terminal:
         display.last_print_t = 0.0  # the first round is due at once
     return display

@@ -16,9 +16,7 @@ bound exceeds 180 deg is unknown. Averaging n independent images divides a bound
 """
 
 import argparse
-import itertools
 import re
-from collections.abc import Iterator
 from typing import Annotated, Any, get_args
 
 import numpy as np
@@ -32,7 +30,7 @@ from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M, SPECIFICATION
-from uuv_optical_array.plots.style import SHAPE_COLOURS, drop_overlapping, new_figure, save
+from uuv_optical_array.plots.style import SHAPE_COLOURS, new_figure, save
 
 POSE = {
     "X": Quantity("ahead of the lamp", "m", -1000, 1000),
@@ -46,8 +44,6 @@ ASIDE_M: Array = np.linspace(-1, 1, 81, dtype=float)
 REACH_M = np.linspace(0.5, 25.0, 246)  # where `reach` looks
 # A row of the picture shows the worst of these degrees of freedom.
 ROWS = {"x, along the beam (m)": [0], "y and z, across (m)": [1, 2], "pitch and yaw (deg)": [3, 4]}
-CROWDED_M, LABELLED_M = 0.15, 0.6  # least and wanted distance of a label from the beam's axis
-EDGE = 0.06  # of the map's width, free of labels
 LEVELS = np.outer(10.0 ** np.arange(-3, 4), [1, 3]).ravel()
 
 
@@ -136,7 +132,6 @@ def draw(
     figure = new_figure(14, 10.5)
     grid = figure.subplots(3, 3, sharex=True)
     norm = LogNorm(1e-2, 1e2)
-    labels: list[Any] = []
     for (title, dofs), row in zip(ROWS.items(), grid, strict=True):
         wanted = float(SPECIFICATION[dofs[0]])
         row[0].set_ylabel(title, fontsize=12)
@@ -147,7 +142,7 @@ def draw(
             colour = SHAPE_COLOURS[shape]
             row[0].fill_between(behind_m, near, far, color=colour, alpha=0.25, lw=0)
             row[0].plot(behind_m, shown[:, shown.shape[1] // 2], color=colour, lw=2, label=shape)
-            mesh = _map(axes, behind_m, aside_m, worst, wanted, norm, labels)
+            mesh = _map(axes, behind_m, aside_m, worst, wanted, norm)
             axes.set(ylabel="y, port (m)", yticks=[-1, -0.5, 0, 0.5, 1])
         asked = f"Eren et al. (2016) ask for {wanted:g}"
         row[0].axhline(wanted, color="k", lw=1.5, ls="--", label=asked)
@@ -165,14 +160,11 @@ def draw(
     bar.ax.axhline(1.0, color="k", lw=2, ls="--")
     title = "Least standard deviation from one image (the Cramer-Rao bound), scene"
     figure.suptitle(f"{title} {scene_name}", fontsize=14)
-    drop_overlapping(figure, labels)
     return figure
 
 
-def _map(
-    axes: Any, x: Array, y: Array, bound: Array, wanted: float, norm: Any, labels: list[Any]
-) -> Any:
-    """Draw a bound ``(n, m)`` from above; return the mesh, and add its contours' labels."""
+def _map(axes: Any, x: Array, y: Array, bound: Array, wanted: float, norm: Any) -> Any:
+    """Draw a bound ``(n, m)`` from above; return the mesh."""
     # Where nothing is observable the hatched ground shows.
     axes.patch.set(facecolor="0.85", hatch="xx", edgecolor="0.6")
     known = np.where(np.isfinite(bound), bound, np.nan).T
@@ -187,25 +179,8 @@ def _map(
         if inside := [level for level in levels if low < level < high]:
             look = {"colors": "k", "linewidths": width, "linestyles": style}
             lines = axes.contour(x, y, known, inside, **look)
-            places = list(_label_places(lines.allsegs, x))
-            box = {"boxstyle": "round,pad=0.1", "fc": "w", "ec": "none", "alpha": 0.75}
-            for label in axes.clabel(lines, fmt="%g", fontsize=9, inline=False, manual=places):
-                label.set_bbox(box)
-                labels.append(label)
+            axes.clabel(lines, fmt="%g", fontsize=9)
     return mesh
-
-
-def _label_places(contours: Any, behind_m: Array) -> Iterator[tuple[float, float]]:
-    """Yield where contours are labelled: off the edges and the beam's axis, where they may meet."""
-    margin = EDGE * np.ptp(behind_m)
-    for piece in itertools.chain.from_iterable(contours):
-        from_edge = np.minimum(piece[:, 0] - behind_m[0], behind_m[-1] - piece[:, 0])
-        piece = piece[from_edge > margin]
-        for sign in (1, -1):
-            off = piece[sign * piece[:, 1] > CROWDED_M]
-            if len(off):
-                x, y = off[np.abs(np.abs(off[:, 1]) - LABELLED_M).argmin()].tolist()
-                yield x, y
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -3,7 +3,7 @@
 Matplotlib takes a second to import, so it is imported when something is drawn.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
-    from matplotlib.text import Text
 
 # What a picture's name may end in, with what keeps the file the same from one run to the next.
 KINDS: dict[str, dict[str, Any]] = {
@@ -86,18 +85,6 @@ def array_image(axes: "Axes", image: Array, cmap: str = IMAGES, **style: Any) ->
     axes.set(xlim=columns[[0, -1]], ylim=rows[[-1, 0]], aspect="equal")
     detector_ticks(axes.xaxis, axes.yaxis)
     return mesh
-
-
-def drop_overlapping(figure: "Figure", labels: Iterable["Text"]) -> None:
-    """Remove each label whose box overlaps that of one before it, once the figure is laid out."""
-    figure.draw_without_rendering()
-    kept: list[Any] = []
-    for label in labels:
-        box = label.get_window_extent()
-        if any(box.overlaps(other) for other in kept):
-            label.remove()
-        else:
-            kept.append(box)
 
 
 def plain_log_ticks(axis: "Axis") -> None:

@@ -33,6 +33,7 @@ from scipy.special import chdtri
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature_table import BLOCK_POSES
@@ -205,20 +206,19 @@ def _fixed(values: dict[str, float]) -> list[str]:
     return [f"{value:.4f}" for value in values.values()]
 
 
-def _table(line: str, rows: Iterable[Sequence[Any]]) -> str:
-    return "\n".join(line.format(*row).rstrip() for row in rows)
-
-
 def report(result: dict[str, Any]) -> str:
     """Return the values of `figures` as text."""
-    columns = DOF_NAMES, _fixed(result["rms_error"]), _fixed(result["rms_bound"]), DOF_UNITS
-    rows = zip(*columns, result["ratio_to_bound"].values(), strict=True)
+    cells = zip(
+        *(DOF_NAMES, DOF_UNITS, _fixed(result["rms_error"]), _fixed(result["rms_bound"])),
+        (f"{ratio:.3f}" for ratio in result["ratio_to_bound"].values()),
+        strict=True,
+    )
+    table = columns([("", "", "RMS error", "RMS bound", "ratio"), *cells], 2)
     of, (low, high) = f"of {result['poses']}", result["nees_band"]
     median_ms, slow_ms = result["frame_ms"].values()
     model_ms = result["model_ms"]
     return f"""\
-{"":<8}RMS error   RMS bound       ratio
-{_table("{:<8}{:>9}{:>12} {:<4}{:>7.3f}", rows)}
+{table}
 
 without a pose: {result["without_pose"]} {of}
 off by more than 6 of its own standard deviations: {result["beyond_6_sigma"]} {of}
@@ -236,7 +236,7 @@ def comparison(rows: Sequence[dict[str, Any]]) -> str:
     for row in rows:
         lines.append((row["known"], "error", *_fixed(row["rms_error"]), *_honesty(row)))
         lines.append(("", "bound", *_fixed(row["rms_bound"]), "", "", ""))
-    return _table("{:<12}{:<7}" + 5 * "{:>8}" + "{:>9}{:>8}{:>9}", lines)
+    return columns(lines, 2)
 
 
 def _honesty(row: dict[str, Any]) -> tuple[Any, ...]:
@@ -245,9 +245,8 @@ def _honesty(row: dict[str, Any]) -> tuple[Any, ...]:
 
 def cost_table(bounds: dict[str, dict[str, float]]) -> str:
     """Return the `costs` of a scene as text."""
-    heads = ("bound, with this known", *DOF_NAMES), ("", *DOF_UNITS)
     rows = ((key, *_fixed(bound)) for key, bound in bounds.items())
-    return _table("{:<28}" + 5 * "{:>8}", [*heads, *rows])
+    return columns([("bound, with this known", *DOF_NAMES), ("", *DOF_UNITS), *rows])
 
 
 def lamps_table(rows: Sequence[dict[str, Any]]) -> str:
@@ -262,58 +261,32 @@ def lamps_table(rows: Sequence[dict[str, Any]]) -> str:
         errors = [f"{value:.3f}" for pair in both for value in pair]
         median = f"{row['frame_ms']['median']:.2f}"
         lines.append((row["lamps"], row["sea"], *errors, *_honesty(row), median))
-    return _table("{:<7}{:<7}" + 3 * "{:>10}{:>8}" + "{:>8}{:>9}{:>9}{:>10}", lines)
+    return columns(lines, 2)
 
 
-def _bars(axes: Any, errors: Array, bounds: Array, names: Sequence[Any]) -> None:
-    """Draw errors ``(series, names)`` as bars, and each bound as a line across its bar."""
-    for i, (heights, limits) in enumerate(zip(errors, bounds, strict=True)):
-        at = np.arange(len(names)) + (i - (len(errors) - 1) / 2) * BAR
-        axes.bar(at, heights, 0.9 * BAR, color=COLOURS[i])
-        axes.hlines(limits, at - 0.5 * BAR, at + 0.5 * BAR, color="k", lw=1.6)
-        for x, error, bound in zip(at, heights, limits, strict=True):
-            if np.isfinite(error):
-                text, top = f"{error:#.2g}".lstrip("0"), (x, max(error, bound))
-                axes.annotate(
-                    text, top, (0, 5), textcoords="offset points", ha="center", fontsize=8
-                )
-    axes.set_xticks(range(len(names)), names)
-    axes.margins(y=0.12)
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def _legend(figure: Any, labels: Iterable[str]) -> None:
-    handles = [mark(label, "s", color=COLOURS[i], ms=9) for i, label in enumerate(labels)]
-    handles.append(mark("Cramer-Rao bound", "_", color="k", ms=12))
-    figure.legend(handles=handles, loc="outside lower center", ncols=4)
-
-
-def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
-    """Draw the errors of `by_known`."""
-    figure = new_figure(9, 4.2)
-    grid = figure.subplots(1, 2, width_ratios=(3, 2))
-    errors, bounds = (np.array([list(row[key].values()) for row in rows]) for key in RMS)
-    for axes, dofs, unit in zip(grid, (slice(0, 3), slice(3, 5)), ("m", "deg"), strict=True):
-        _bars(axes, errors[:, dofs], bounds[:, dofs], DOF_NAMES[dofs])
-        axes.set_ylabel(f"RMS error ({unit})")
-    _legend(figure, (row["known"] for row in rows))
-    figure.suptitle(f"Errors by how well the sea is known: {about}")
-    return figure
-
-
-def draw_lamps(rows: Sequence[dict[str, Any]], about: str) -> Any:
-    """Draw the errors of `by_lamps`."""
+def draw(rows: Sequence[dict[str, Any]], title: str, along: str) -> Any:
+    """Draw the errors of `compare`, against what a case is called `along`, as bars for each sea."""
+    names, seas = (list(dict.fromkeys(row.get(key) for row in rows)) for key in (along, "sea"))
     figure = new_figure(14, 4.6)
-    values = np.full((2, len(NUMBERS) * len(SEAS), 3), np.nan)
-    values[:, : len(rows)] = [[range_across_angle(row[k].values()) for row in rows] for k in RMS]
-    errors, bounds = values.reshape(2, len(NUMBERS), len(SEAS), 3).transpose(0, 3, 2, 1)
     titles = "range (m)", "across, an axis (m)", "angle, pitch or yaw (deg)"
     for i, axes in enumerate(figure.subplots(1, 3)):
-        _bars(axes, errors[i], bounds[i], NUMBERS)
-        axes.set(title=titles[i], xlabel="lamps")
+        for row in rows:
+            sea = seas.index(row.get("sea"))
+            at = names.index(row[along]) + BAR * (sea - (len(seas) - 1) / 2)
+            error, bound = (range_across_angle(row[key].values())[i] for key in RMS)
+            axes.bar(at, error, 0.9 * BAR, color=COLOURS[sea])
+            axes.hlines(bound, at - 0.5 * BAR, at + 0.5 * BAR, color="k", lw=1.6)
+            words = {"textcoords": "offset points", "ha": "center", "fontsize": 8}
+            axes.annotate(f"{error:.2g}", (at, max(error, bound)), (0, 5), **words)
+        axes.set_xticks(range(len(names)), names)
+        axes.set(title=titles[i], xlabel=along)
+        axes.margins(y=0.12)
     figure.axes[0].set_ylabel("RMS error of one image")
-    _legend(figure, SEAS.values())
-    figure.suptitle(f"Errors by number of lamps of the same total power: {about}")
+    shown = [(SEAS[sea], COLOURS[i]) for i, sea in enumerate(seas) if sea]
+    handles = [mark(label, "s", color=colour, ms=9) for label, colour in shown]
+    handles.append(mark("Cramer-Rao bound", "_", color="k", ms=12))
+    figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    figure.suptitle(title)
     return figure
 
 
@@ -381,10 +354,12 @@ def run(args: argparse.Namespace) -> int:
         about_it = f"scene {scene.name}, {count} poses"
         if args.known:
             result["costs"] = bounds = costs(scene, poses)
-            text, figure = f"{comparison(rows)}\n\n{cost_table(bounds)}", draw(rows, about_it)
+            title = f"Errors by how well the sea is known: {about_it}"
+            text = f"{comparison(rows)}\n\n{cost_table(bounds)}"
         else:
-            text, figure = lamps_table(rows), draw_lamps(rows, about_it)
-        save(figure, picture)
+            title = f"Errors by number of lamps of the same total power: {about_it}"
+            text = lamps_table(rows)
+        save(draw(rows, title, compared), picture)
         text += f"\n\npicture: {picture}"
     else:
         estimator = Estimator(scene, args.method).wait()

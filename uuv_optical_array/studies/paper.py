@@ -245,15 +245,6 @@ def report(result: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-# Free areas of the panels for the statements, in fractions of the axes.
-FREE = {
-    ("5a", "above"): (0.02, 0.72),
-    ("5a", "below"): (0.6, 0.1),
-    ("5b", "above"): (0.02, 0.72),
-    ("5b", "below"): (0.6, 0.08),
-    ("6b", "above"): (0.6, 0.08),
-    ("6e", "above"): (0.6, 0.08),
-}
 BESIDE: Any = {"loc": "upper left", "bbox_to_anchor": (1, 1), "fontsize": 9, "frameon": False}
 AXES: dict[Motion, str] = {"shift": "shift to starboard (m)", "yaw": "yaw (deg)"}
 
@@ -287,8 +278,8 @@ def draw(figures: Mapping[str, Any], scene_name: str) -> Any:
             dashed = "--" if curve["array"] == "planar" else "-"
             name = names.get(panel[0], f"{curve['range_m']:g} m")
             axes.plot(STEPS[motion], curve["angle_deg"], dashed, color=shade, lw=1.8, label=name)
-        axes.legend(**BESIDE)
         _draw_statements(axes, panel, motion)
+        axes.legend(**BESIDE)
     ours = f"our curves (scene {scene_name}); in black, what the text states"
     picture.suptitle(f"Eren et al. (2016), Figs 4 to 6: {ours}", fontsize=13)
     return picture
@@ -297,32 +288,19 @@ def draw(figures: Mapping[str, Any], scene_name: str) -> Any:
 def _draw_statements(axes: Any, panel: str, motion: Motion) -> None:
     """Mark the paper's statements about a panel."""
     if panel == "4a":
-        axes.axvspan(FAR[0], FAR[-1], color="0.9", zorder=0)
-        axes.text(0.765, 4, "stated: curved\n2 deg better", ha="center", fontsize=10)
+        axes.axvspan(FAR[0], FAR[-1], color="0.9", zorder=0, label="curved\n2 deg better")
         return
     if panel[0] == "5":
         axes.axhline(THRESHOLD_DEG, color="k", lw=1, ls="--")
     for statement in STATEMENTS:
-        if statement.figure != panel or statement.paper is None:
-            continue
-        step, angle = statement.conditions[f"{motion}_{UNITS[motion]}"], statement.paper
-        if statement.relation == "is":
-            axes.plot(step, angle, "o", color="k", ms=6, zorder=4)
-            # The curved array's angles are above the planar one's here.
-            off = (-9, 7) if statement.conditions["array"] == "curved" else (9, -9)
-            words = {"textcoords": "offset points", "ha": "center", "va": "center", "fontsize": 9}
-            axes.annotate(f"{angle:g}", (step, angle), off, **words)
-            continue
-        up = statement.relation == "above"
-        # A bar with an arrowhead to the side on which the curve should be.
-        axes.plot(step, angle, "k_", ms=12, mew=2, zorder=4)
-        axes.plot(step, angle + (3 if up else -3), "^" if up else "v", color="k", ms=5, zorder=4)
-        side, range_m = (statement.conditions[key] for key in ("detectors_per_side", "range_m"))
-        which = f"{side} x {side}" if panel[0] == "5" else f"{range_m:g} m"
-        text, at = f"{which}: {statement.label}", FREE[panel, statement.relation]
-        line = {"arrowstyle": "-", "lw": 0.7, "color": "0.3", "shrinkB": 4}
-        words = {"textcoords": "axes fraction", "va": "center", "fontsize": 9, "zorder": 5}
-        axes.annotate(text, (step, angle), at, arrowprops=line, **words)
+        if statement.figure == panel and statement.paper is not None:
+            about, angle = statement.conditions, statement.paper
+            which = {"4": about["array"], "6": f"{about['range_m']:g} m"}
+            name = which.get(panel[0], f"{about['detectors_per_side']}")
+            step = about[f"{motion}_{UNITS[motion]}"]
+            marker = {"is": "o", "above": 6, "below": 7}[statement.relation]
+            text = f"{name}: {statement.label}"
+            axes.plot(step, angle, color="k", marker=marker, ms=7, ls="", label=text, zorder=4)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

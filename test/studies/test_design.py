@@ -24,8 +24,8 @@ from uuv_optical_array.studies.design import (
     Design,
     ScoredDesign,
     Scoring,
-    buildable,
     designed,
+    designs_of,
     draw,
     front,
     report,
@@ -114,7 +114,7 @@ WORDS = ["--sweep", *LISTS, "--poses", 40]
 @pytest.fixture(scope="module")
 def whole():
     """The scores of all designs, one by one."""
-    return list(HOW.scored(FOLLOW, buildable(SMALL)[0]))
+    return list(HOW.scored(FOLLOW, designs_of(SMALL)[0]))
 
 
 @pytest.fixture
@@ -196,7 +196,7 @@ def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, cap
     assert len(table) == 20
     np.testing.assert_array_equal(table["angle_deg"], [r.angle_deg for r in whole])
     assert set(table["seed"]) == {1}
-    assert matplotlib.image.imread("follow.design.png").shape[:2] == (1170, 1260)
+    assert matplotlib.image.imread("follow.design.png").shape[:2] == (990, 1170)
     # A part of what is there scores nothing, and loses nothing.
     told = json_of(run, "--sweep", "shape=curved", *LISTS, "--poses", 40)
     assert (len(heard), len(told["designs"])) == (20, 12)

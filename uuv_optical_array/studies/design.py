@@ -60,7 +60,6 @@ from uuv_optical_array.studies.shared.separation import (
 
 # How bright each design's lamp is; `designed` explains.
 Power: TypeAlias = Literal["flux", "flux_in_range", "counts"]
-Mount: TypeAlias = Literal["front", "centre"]
 # Values of settings by their names, all of `SWEPT`.
 Sweep: TypeAlias = Mapping[str, Sequence[Any]]
 
@@ -141,51 +140,44 @@ def sweep_of(scene: Scene, words: Sequence[str] = ()) -> Sweep:
     ValueError for an unknown name, an empty list, a value given twice or out of bounds, and where
     no design is left.
     """
-    own = vars(Design.of(scene))
-    sweep: dict[str, Sequence[Any]] = {"shape": typing.get_args(Shape)}
-    sweep |= {name: sorted({*values, own[name] or values[0]}) for name, values in DEFAULTS.items()}
-    sweep |= {name: (own[name],) for name in RING}
-    given: set[str] = set()
+    lists: dict[str, list[Any]] = {}
     for word in words:
         name, _, values = word.partition("=")
         if name not in SWEPT:
             raise ValueError(f"{word}: give NAME=VALUE,... with NAME one of {', '.join(SWEPT)}")
-        if name in given:
+        if name in lists:
             raise ValueError(f"{name}: given twice; give its values once")
-        given.add(name)
-        setting = SWEPT[name]
-        number = setting.kind if setting.kind in (int, float) else str
+        kind, hint = SWEPT[name].kind, Annotated[SWEPT[name].kind, SWEPT[name].quantity]
         try:
-            sweep[name] = [number(value) for value in values.split(",")]
+            lists[name] = [kind(v) if kind in (int, float) else v for v in values.split(",")]
         except ValueError:
             raise ValueError(f"{word}: give numbers with commas between them") from None
-        hint: Any = Annotated[setting.kind, setting.quantity]
-        for value, count in Counter(sweep[name]).items():
+        for value, count in Counter(lists[name]).items():
             check(hint, value, name)
             if count > 1:
                 raise ValueError(f"{name}: {value} is given twice; give it once")
-    designs, dropped = buildable(sweep)
+    own = vars(Design.of(scene))
+    about = {name: sorted({*values, own[name] or values[0]}) for name, values in DEFAULTS.items()}
+    about |= {"shape": [*typing.get_args(Shape)], **{name: [own[name]] for name in RING}}
+    sweep = about | lists
+    designs, dropped = designs_of(sweep)
     if not designs:
         raise ValueError(f"radius_m: no design is left ({'; '.join(dropped)}); give a larger one")
     return sweep
 
 
-def grid(sweep: Sweep) -> Iterator[Design]:
-    """Yield every design of a sweep, the number of detectors changing fastest."""
-    every = itertools.product(*(sweep[name] for name in RING))
-    # One lamp is in the middle.
-    rings = list(dict.fromkeys(ring if ring[0] > 1 else (1, 0.0, 0.0) for ring in every))
-    for shape in sweep["shape"]:
-        radii = sweep["radius_m"] if shape == "curved" else (None,)
-        arrays = itertools.product(radii, sweep["width_m"], sweep["beam_sigma_deg"])
-        for array, ring, side in itertools.product(arrays, rings, sweep["detectors_per_side"]):
-            radius_m, width_m, sigma_deg = array
-            yield Design(shape, side, width_m, radius_m, sigma_deg, *ring)
-
-
-def buildable(sweep: Sweep) -> tuple[list[Design], dict[str, int]]:
+def designs_of(sweep: Sweep) -> tuple[list[Design], dict[str, int]]:
     """List the designs of a sweep that can be built, and count the others by their faults."""
-    faults = {design: _fault(design) for design in grid(sweep)}
+    # The number of detectors changes fastest.
+    names = ("shape", "radius_m", "width_m", "beam_sigma_deg", *RING, "detectors_per_side")
+    faults = {}
+    for values in itertools.product(*(sweep[name] for name in names)):
+        design = Design(**dict(zip(names, values, strict=True)))
+        if design.shape == "planar":
+            design = dataclasses.replace(design, radius_m=None)
+        if design.lamps == 1:  # in the middle
+            design = dataclasses.replace(design, spread_m=0.0, tilt_deg=0.0)
+        faults[design] = _fault(design)
     dropped = Counter(filter(None, faults.values()))
     return [design for design, fault in faults.items() if not fault], dict(dropped)
 
@@ -201,20 +193,17 @@ def _fault(design: Design) -> str:
     return ""
 
 
-def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount = "front") -> Scene:
+def designed(scene: Scene, design: Design, power: Power = "flux") -> Scene:
     """Return a scene with the array and the lamp of a design, and the lamp's power set.
 
     By a power of ``flux`` the lamp emits as much light as the scene's, into a beam of another
     width. ``flux_in_range`` is the same light, but where the aligned array would read more of it at
     the reference range than the scene's does, the gain is turned down until it reads the same;
     noise behind the gain stays as it is in counts. By ``counts`` the lamp is as strong as it takes
-    for the same reading. By a mount of ``front`` the foremost point of the array stays where the
-    scene's is, by ``centre`` the array's frame, as Eren et al. (2016) have it. A ValueError says
-    that the array cannot be built, or gets no light at the reference range.
+    for the same reading. The foremost point of the array stays where the scene's is. A ValueError
+    says that the array cannot be built, or gets no light at the reference range.
     """
-    bow_m = scene.array.bow_m
-    if mount == "front":
-        bow_m += (scene.array.radius_m or 0.0) - (design.radius_m or 0.0)
+    bow_m = scene.array.bow_m - ((design.radius_m or 0.0) - (scene.array.radius_m or 0.0))
     side, radius_m = design.detectors_per_side, design.radius_m
     array = ArraySettings(design.shape, side, design.width_m, bow_m, radius_m)
     lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=design.beam_sigma_deg)
@@ -372,18 +361,13 @@ POWER = Quantity(
     "lamps of equal flux; the same with the gain turned down where they would read brighter than "
     "the scene's own; or lamps of equal counts"
 )
-MOUNT = Quantity(
-    "what stays in its place: the foremost point, or the array's frame, which is the centre of a "
-    "sphere as in the paper"
-)
 
 
 @dataclass(frozen=True)
 class Scoring:
-    """How designs are scored; `power` and `mount` as in `designed`."""
+    """How designs are scored; `power` as in `designed`."""
 
     power: Annotated[Power, POWER] = "flux"
-    mount: Annotated[Mount, MOUNT] = "front"
     poses: Annotated[int, Quantity("poses at which the bound is taken", "", 1, 1e7)] = 1000
 
     def origin(self, scene: Scene) -> dict[str, Any]:
@@ -395,7 +379,7 @@ class Scoring:
         """Yield designs of a scene's array and lamp with their scores."""
         poses = volume.uniform_poses(self.poses, np.random.default_rng([SEED, 0]))
         for design in designs:
-            built = designed(scene, design, self.power, self.mount)
+            built = designed(scene, design, self.power)
             yield score(built, poses, np.random.default_rng([SEED, 1]))
 
 
@@ -408,7 +392,7 @@ def scored_before(path: Path, origin: Mapping[str, Any]) -> list[ScoredDesign]:
     there, rows = read(path, ScoredDesign)
     differ = "; ".join(
         f"{name} is {there.get(name)} there and {value} here"
-        for name, value in origin.items()
+        for name, value in {**dict.fromkeys(there), **origin}.items()
         if there and name != "scene" and there.get(name) != str(value)
     )
     if differ:
@@ -516,8 +500,8 @@ def draw(choice: Choice, about: str) -> Any:
     rows, mark = choice.rows, style.mark
     listed = [*choice.fronts["fits"], *choice.papers]
     named = {number: row for number, row in enumerate(choice.numbered, start=1) if row in listed}
-    figure = style.new_figure(14, 13)
-    parts: Any = figure.subfigures(3, 1, height_ratios=[5, 4, 2.4])
+    figure = style.new_figure(13, 11)
+    parts: Any = figure.subfigures(3, 1, height_ratios=[5, 4, 1.8])
     for axes, name in zip(parts[0].subplots(1, 2), BOUNDS, strict=True):
         _all_designs(axes, choice, named, name)
     by_beam, by_radius, criterion = parts[1].subplots(1, 3)
@@ -566,7 +550,7 @@ def _dots(axes: Any, x: Sequence[float], rows: Sequence[ScoredDesign], name: str
     """Draw a bound of designs as pale dots, coloured by their shape."""
     colours = [style.SHAPE_COLOURS[row.shape] for row in rows]
     y = [getattr(row, name) for row in rows]
-    axes.scatter(x, y, s=9, c=colours, alpha=0.3, lw=0, zorder=2)
+    axes.scatter(x, y, s=4, c=colours, alpha=0.5, lw=0, zorder=2)
     _bounds_axis(axes, name)
 
 
@@ -651,7 +635,7 @@ def run(args: argparse.Namespace) -> int:
     csv = outputs.file_to_write(picture.with_suffix(".csv"), "--output")
     told, origin = sys.stderr if args.json else sys.stdout, how.origin(scene)
     before = scored_before(csv, origin)
-    designs, dropped = buildable(sweep)
+    designs, dropped = designs_of(sweep)
     if count := sum(dropped.values()):
         print(f"left out: {count} designs whose corners lie beyond their sphere", file=told)
     there = {row.design: row for row in before}
@@ -661,7 +645,7 @@ def run(args: argparse.Namespace) -> int:
     scored, complete = until_interrupted(itertools.chain(known, how.scored(scene, left)))
     write(csv, origin, [row.columns() for row in dict.fromkeys([*before, *scored])])
     choice = Choice(scene, sorted(scored, key=lambda row: designs.index(row.design)))
-    about = f"lamp power: {how.power}; mount: {how.mount}; {how.poses} poses, seed {SEED}"
+    about = f"lamp power: {how.power}; {how.poses} poses, seed {SEED}"
     style.save(draw(choice, about), picture)
     written = [csv, picture]
     if args.take is not None:
@@ -669,7 +653,7 @@ def run(args: argparse.Namespace) -> int:
             numbers = Annotated[int, Quantity("", "", 1, len(choice.numbered))]
             design = choice.numbered[check(numbers, args.take, "--take") - 1].design
         written.append(csv.with_suffix(f".{args.take}.yaml"))
-        taken = designed(scene, design, how.power, how.mount)
+        taken = designed(scene, design, how.power)
         taken = scene_from_settings(taken.settings(), written[-1].stem)
         about = f"{design.label}, by uuv_array study design from {scene.name}"
         save_scene(taken, written[-1], about)

@@ -1,6 +1,5 @@
 """What can be wrong with a picture: labels on one another, odd ticks, colours, kinds of file."""
 
-import itertools
 import re
 from pathlib import Path
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from labels import assert_apart, number_boxes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from measured import ALL_METHODS, row
@@ -39,56 +37,6 @@ def test_every_method_has_one_colour_of_its_own():
         if len(dots.get_offsets()) == 1
     }
     assert points == {row.median_ms: colours[row.method] for row in rows}
-
-
-def crowded(factor):
-    """Return settings as a busy machine has them: many in one place, some slow by far."""
-    near = [
-        row(
-            "sam_interpolated",
-            side=3 + i,
-            position=0.5 - 0.045 * i,
-            angle=8 - 0.3 * i,
-            ms=0.2 + 0.03 * i,
-        )
-        for i in range(8)
-    ]
-    return [*near, row("least_squares", position=0.04, ms=factor * 2.0)]
-
-
-@pytest.mark.parametrize("factor", [1, 300])
-def test_numbers_of_the_tradeoff_lie_apart_and_beside_all_points(factor):
-    figure = tradeoff.draw(crowded(factor), "about")
-    figure.draw_without_rendering()
-    for axes in figure.axes[:2]:
-        boxes = number_boxes(axes)
-        assert_apart(boxes)
-        points = [axes.transData.transform(d.get_offsets()[0]) for d in axes.collections]
-        assert max(box.x1 for _, box in boxes) < min(x for x, _ in points)
-        ticks = [t.get_window_extent() for t in axes.get_xticklabels()]
-        shown = [box for box in ticks if box.width > 1 and axes.bbox.x0 <= box.x0]
-        assert all(a.x1 < b.x0 for a, b in itertools.pairwise(shown))
-
-
-def test_numbers_stand_beside_their_points_where_there_is_room():
-    axes = style.new_figure(4, 4).subplots()
-    axes.set(yscale="log", ylim=(1, 100))
-    points = {1: (0.5, 10.0), 2: (0.5, 50.0), 3: (0.5, 2.0)}
-    style.number_points(axes, points, at=0.3)
-    heights = {int(note.get_text()): note.get_position()[1] for note in axes.texts}
-    assert heights == pytest.approx({n: np.log10(y) / 2 for n, (_, y) in points.items()})
-
-
-@given(st.lists(st.floats(1, 100), min_size=1, max_size=8))
-def test_numbers_are_moved_up_by_no_more_than_keeps_them_apart(values):
-    axes = style.new_figure(4, 4).subplots()
-    axes.set(yscale="log", ylim=(1, 100))
-    style.number_points(axes, {i: (0.5, value) for i, value in enumerate(values)}, at=0.3)
-    heights = np.array([note.get_position()[1] for note in axes.texts])
-    wanted, found = np.log10(sorted(values)) / 2, -np.inf
-    for height, least in zip(heights, wanted, strict=True):
-        assert height == pytest.approx(max(least, found + style.NUMBERS_APART))
-        found = height
 
 
 def run_of(x_m=-6.0):

@@ -20,15 +20,14 @@ from uuv_optical_array.studies.approach import (
     FRAMES,
     METHODS,
     ApproachErrors,
-    all_cases,
     as_object,
     assumed_scene,
     by_docking,
     draw_offsets,
     expose,
+    gathered,
     simulate,
 )
-from uuv_optical_array.studies.shared.results import until_interrupted
 
 WIDTH = 10.23  # 1 % of 1023 counts
 
@@ -172,19 +171,13 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(tank, tank_file, tmp
     result = json_of(run, "--scene", tank_file, "--runs", 1, "--output", picture)
     assert result["picture"] == str(picture)
     assert picture.read_bytes().startswith(b"\x89PNG")
-    batches = []
-
-    def stop(count):
-        batches.append(count)
-        if len(batches) == 2:
-            raise KeyboardInterrupt
-
-    # An interrupt keeps the batches before it.
-    again = simulate(tank, CASES["dive"], 3, np.random.default_rng(1), stop, batch=1)
-    assert (batches, again.runs) == ([1, 1], 2)
-    assert all(errors.shape == (2, FRAMES, 5) for errors in again.errors.values())
-    again.errors.update({method: errors[:1] for method, errors in again.errors.items()})
-    assert result["cases"]["dive"] == as_object(CASES["dive"], again)
+    batches = list(simulate(tank, CASES["dive"], 3, np.random.default_rng(1), batch=1))
+    assert [errors.shape for errors in batches] == 3 * [(len(METHODS), 1, FRAMES, 5)]
+    again = gathered(tank, CASES["dive"], batches)
+    assert again.runs == 3
+    assert result["cases"]["dive"] == as_object(
+        CASES["dive"], gathered(tank, CASES["dive"], batches[:1])
+    )
     assert (result["asked_runs"], result["seed"]) == (1, 1)
     (case,) = result["cases"].values()
     assert case["runs"] == 1
@@ -198,31 +191,32 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(tank, tank_file, tmp
     assert abs(case["methods"]["docking"]["mean_end"]["x_m"]) < 0.5
 
 
-def planted(runs):
-    errors = dict.fromkeys(METHODS, np.zeros((runs, FRAMES, 5)))
-    return ApproachErrors(errors, np.ones((FRAMES, 5)), np.ones((FRAMES, 5)))
-
-
 @pytest.mark.usefixtures("sketched")
 def test_a_case_that_was_cut_short_is_the_last_and_is_printed(
     tank_file, tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr(approach, "simulate", lambda *_: planted(2))
-    for runs, names in ((2, list(CASES)), (3, ["dive"])):
-        cases, whole = until_interrupted(all_cases(None, runs, 1))
-        assert ([name for name, _ in cases], whole) == (names, runs == 2)
+    def simulate(scene, case, runs, rng):
+        yield np.zeros((len(METHODS), 2, FRAMES, 5))
+        if len(seen) == 1:
+            raise KeyboardInterrupt
+        seen.append(case)
+
+    seen = []
+    monkeypatch.setattr(approach, "simulate", simulate)
     run("--scene", tank_file, "--runs", 3, "--output", tmp_path / "cut.png", code=130)
     text = capsys.readouterr().out
     assert text.endswith("interrupted: only complete runs count\n")
     assert "dive, runs: 2" in text
-    assert "zigzag" not in text
+    assert "zigzag, runs: 2" in text
+    assert "murky" not in text
     # The aim: a fifth of 0.43, 0.20 and 0.28 m, and angles as published.
-    (aim,) = [line for line in text.splitlines() if "the aim" in line]
+    aim = next(line for line in text.splitlines() if "the aim" in line)
     assert aim.split()[2:] == ["0.086", "0.040", "0.056", "1.000", "1.000"]
 
 
 def test_the_docking_smoother_beats_the_tracker_and_single_images(tank):
-    result = simulate(tank, CASES["dive"], 5, np.random.default_rng(6))
+    errors = simulate(tank, CASES["dive"], 5, np.random.default_rng(6))
+    result = gathered(tank, CASES["dive"], list(errors))
     last = {m: np.sqrt(np.nanmean(result.errors[m][:, -10:] ** 2, axis=(0, 1))) for m in METHODS}
     assert (last["docking"][1:] < last["least_squares"][1:]).all()
     assert (last["docking"][:3] < last["moments"][:3] / 3).all()

@@ -15,7 +15,7 @@ from command_line import json_of
 from designs import CURVED, HOW, LISTS, PLANAR, SMALL
 from hypothesis import example, given
 from hypothesis import strategies as st
-from labels import assert_apart, number_boxes
+from matplotlib.text import Annotation
 
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies import design
@@ -228,17 +228,14 @@ def test_the_line_of_a_front_goes_through_the_best_of_each_number_of_detectors()
         assert [list(line.get_ydata()) for line in lines] == [best, best]  # of `fits` and `any`
 
 
-def test_numbers_of_designs_lie_apart_and_few_are_named():
-    rng = np.random.default_rng(1)
-    rows = [
-        row_of(side, rng.uniform(0.1, 0.102), 2.0 / side, width_m=width, beam_sigma_deg=sigma)
-        for side in (3, 5, 7)
-        for width in (0.2, 0.4, 0.6)
-        for sigma in (6.0, 8.0, 11.0)
-    ]
-    figure = draw(Choice(FOLLOW, rows), "about")
-    figure.draw_without_rendering()
-    for axes in figure.subfigs[0].axes:
-        boxes = number_boxes(axes)
-        assert len(boxes) <= 10
-        assert_apart(boxes)
+def test_each_design_that_fits_has_its_number_beside_it():
+    rows = [row_of(3, 0.2, 2.0), row_of(5, 0.1, 1.0), row_of(5, 0.01, 0.1, width_m=0.6)]
+    choice = Choice(FOLLOW, rows)
+    assert choice.numbered == rows
+    for axes, bounds in zip(
+        draw(choice, "about").subfigs[0].axes, ([0.2, 0.1], [2.0, 1.0]), strict=True
+    ):
+        notes = [note for note in axes.texts if isinstance(note, Annotation)]
+        assert {note.get_text(): note.xy[1] for note in notes} == dict(
+            zip("12", bounds, strict=True)
+        )

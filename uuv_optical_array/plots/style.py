@@ -5,7 +5,7 @@ Matplotlib takes a second to import, so it is imported when something is drawn.
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -42,7 +42,6 @@ METHOD_MARKS |= {"least_squares": "o"}
 SPECIFIED = "#2c9c5a"
 IMAGES = "magma"  # colours of what the array reads
 MOST_DECADES = 3  # of an axis that has room for more than one mark a decade
-NUMBERS_APART = 0.05  # of the height of the axes
 DPI = 90
 
 
@@ -105,29 +104,12 @@ def mark(label: str, marker: str = "o", **style: Any) -> "Line2D":
     return Line2D([], [], **{"color": "0.4", "lw": 0, "marker": marker, "label": label, **style})
 
 
-def number_points(
-    axes: "Axes",
-    points: Mapping[int, tuple[float, float]],
-    at: float,
-    ha: Literal["center", "right"] = "center",
-) -> None:
-    """Write the numbers of points in boxes, one above the other, at a place across the axes.
-
-    The ordinate is logarithmic; `at` is a fraction of the axes.
-    """
-    low, high = np.log(axes.get_ylim())
-    upwards = sorted(points, key=lambda number: (points[number][1], number))
-    heights = [(np.log(points[number][1]) - low) / (high - low) for number in upwards]
-    # No number is nearer than the gap to the one below it.
-    least = NUMBERS_APART * np.arange(len(upwards))
-    heights = (np.maximum.accumulate(heights - least) + least).tolist()
+def number_points(axes: "Axes", points: Mapping[int, tuple[float, float]]) -> None:
+    """Write the numbers of points in boxes beside them."""
     box = {"boxstyle": "round,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6}
-    line = {"arrowstyle": "-", "lw": 0.6, "shrinkA": 0, "shrinkB": 2}
-    for number, height in zip(upwards, heights, strict=True):
-        axes.annotate(
-            str(number), points[number], (at, height), textcoords="axes fraction", ha=ha,
-            va="center", fontsize=9, fontweight="bold", zorder=5, bbox=box, arrowprops=line,
-        )  # fmt: skip
+    words: dict[str, Any] = {"va": "center", "fontsize": 9, "fontweight": "bold", "bbox": box}
+    for number, at in points.items():
+        axes.annotate(str(number), at, (8, 0), textcoords="offset points", zorder=5, **words)
 
 
 def write_table(axes: "Axes", text: str, size: float, spacing: float) -> None:

@@ -277,7 +277,7 @@ def draw(rows: Sequence[dict[str, Any]], title: str, along: str) -> Any:
             axes.bar(at, error, 0.9 * BAR, color=COLOURS[sea])
             axes.hlines(bound, at - 0.5 * BAR, at + 0.5 * BAR, color="k", lw=1.6)
             words = {"textcoords": "offset points", "ha": "center", "fontsize": 8}
-            axes.annotate(f"{error:.2g}", (at, max(error, bound)), (0, 5), **words)
+            axes.annotate(f"{error:#.2g}".lstrip("0"), (at, max(error, bound)), (0, 5), **words)
         axes.set_xticks(range(len(names)), names)
         axes.set(title=titles[i], xlabel=along)
         axes.margins(y=0.12)

@@ -14,7 +14,7 @@ Ctrl-C ends it early and reports the complete runs.
 """
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -170,35 +170,38 @@ class ApproachErrors(NamedTuple):
 
 
 def simulate(
-    scene: Scene,
-    case: Case,
-    runs: int,
-    rng: Generator,
-    done: Callable[[int], object] = lambda runs: None,
-    batch: int = BATCH,
-) -> ApproachErrors:
-    """Run a case by every method, `batch` runs at a time, after which `done` gets their number.
+    scene: Scene, case: Case, runs: int, rng: Generator, batch: int = BATCH
+) -> Iterator[Array]:
+    """Yield the errors of a case by each method, m and rad, ``(m, n, FRAMES, 5)``, n <= `batch`.
 
-    Ctrl-C ends it with the complete batches, and is raised before the first.
+    They are nan where there is no pose.
     """
     model = ForwardModel(assumed_scene(scene, case))
     moments = calibrate(model, rng)
     estimator = Estimator(model.scene, "least_squares").wait()
     motion = Motion(model, STEP_S, **DOCKING)
+    for start in range(0, runs, batch):
+        offsets = draw_offsets(min(batch, runs - start), rng)
+        images = expose(model, case.path, offsets, rng)
+        single, tracked = _by_least_squares(estimator, images)
+        docking = by_docking(motion, images, single[:, 0])
+        poses = dead_reckoned(moments.poses(images)), single, tracked, docking
+        yield np.stack(poses) - case.path
 
-    def batches() -> Iterator[Array]:
-        for start in range(0, runs, batch):
-            count = min(batch, runs - start)
-            offsets = draw_offsets(count, rng)
-            images = expose(model, case.path, offsets, rng)
-            single, tracked = _by_least_squares(estimator, images)
-            docking = by_docking(motion, images, single[:, 0])
-            yield np.stack([dead_reckoned(moments.poses(images)), single, tracked, docking])
-            done(count)
 
-    poses, _ = until_interrupted(batches())
-    errors = dict(zip(METHODS, np.concatenate(poses, axis=1) - case.path, strict=True))
-    return ApproachErrors(errors, cramer_rao_bound(model, case.path).std, bound(motion, case.path))
+def all_cases(scene: Scene, runs: int, seed: int) -> Iterator[tuple[str, Array]]:
+    """Yield the name and the errors of `simulate` of case after case, each from the same seed."""
+    for name, case in CASES.items():
+        for errors in simulate(scene, case, runs, np.random.default_rng(seed)):
+            yield name, errors
+
+
+def gathered(scene: Scene, case: Case, errors: Sequence[Array]) -> ApproachErrors:
+    """Return the errors of a case from those of `simulate`, beside its bounds."""
+    model = ForwardModel(assumed_scene(scene, case))
+    of_methods = dict(zip(METHODS, np.concatenate(errors, axis=1), strict=True))
+    run_bound = bound(Motion(model, STEP_S, **DOCKING), case.path)
+    return ApproachErrors(of_methods, cramer_rao_bound(model, case.path).std, run_bound)
 
 
 def _by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:
@@ -223,20 +226,6 @@ def by_docking(motion: Motion, images: Array, first: Array) -> Array:
     if started.any():
         poses[started], _, _ = smoothed(motion, images[started], first[started])
     return poses
-
-
-def all_cases(
-    scene: Scene,
-    runs: int,
-    seed: int,
-    done: Callable[[int], object] = lambda runs: None,
-) -> Iterator[tuple[str, ApproachErrors]]:
-    """Yield the errors of case after case, each from the same seed; Ctrl-C after fewer runs."""
-    for name, case in CASES.items():
-        result = simulate(scene, case, runs, np.random.default_rng(seed), done)
-        yield name, result
-        if result.runs < runs:
-            raise KeyboardInterrupt
 
 
 def as_object(case: Case, result: ApproachErrors) -> dict[str, Any]:
@@ -348,10 +337,13 @@ def run(args: argparse.Namespace) -> int:
     """Run the cases, print them and draw them."""
     runs, scene = args.runs, options.scene_of(args)
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
-    with progress.counter(total=runs * len(CASES), unit="run") as bar:
-        done, whole = until_interrupted(all_cases(scene, runs, SEED, bar.update))
-    results = dict(done)
-    cases = {name: as_object(CASES[name], result) for name, result in done}
+    rounds = progress.over(all_cases(scene, runs, SEED), "batch", len(CASES) * -(-runs // BATCH))
+    done, whole = until_interrupted(rounds)
+    results = {
+        name: gathered(scene, CASES[name], [errors for of, errors in done if of == name])
+        for name in dict(done)
+    }
+    cases = {name: as_object(CASES[name], result) for name, result in results.items()}
     save(draw(results, f"seed {SEED}"), output)
     result = {"scene": scene.name, "seed": SEED, "asked_runs": runs, "cases": cases}
     result |= {"picture": str(output)}

@@ -488,10 +488,10 @@ BOUNDS = {
     "position_m": ("bound on position, RMS (m)", float(SPECIFICATION[0]), volume_spread()[0]),
     "angle_deg": ("bound on angle, RMS (deg)", float(SPECIFICATION[3]), volume_spread()[1]),
 }
-# Where the shapes of a number of detectors are, how wide each is, and where labels end, of the
-# distance between two numbers of detectors.
+# Where the shapes of a number of detectors are, and how wide each is, of the distance between two
+# numbers of detectors.
 CENTRE: dict[Shape, float] = {"planar": -0.3, "curved": 0.04}
-BAND, LANE = 0.3, 0.485
+BAND = 0.3
 CLOSE_UP_SIDE = 5
 
 
@@ -517,7 +517,7 @@ def draw(choice: Choice, about: str) -> Any:
         by_radius.set_xlabel("radius of the sphere (m)")
     _dots(criterion, [min(row.shift_deg, row.yaw_deg) for row in rows], rows, "angle_deg")
     criterion.axvline(THRESHOLD_DEG, color="k", lw=1)
-    criterion.set_xlabel("least spectral angle of 0.2 m and 10 deg, 4 to 8 m (deg)")
+    criterion.set_xlabel("least angle of 0.2 m and 10 deg, 4 to 8 m (deg)")
     criterion.set_title(f"the paper's criterion, {THRESHOLD_DEG:g} deg, and the bound")
     left, right = parts[2].subplots(1, 2, width_ratios=(2.2, 1))
     style.write_table(left, choice.table(named), 7.0, 1.3)
@@ -576,13 +576,10 @@ def _all_designs(axes: Any, choice: Choice, named: dict[int, ScoredDesign], name
         best = {row.detectors_per_side: row for row in on_front}
         line = [best[side] for side in sorted(best)]
         axes.plot([*map(place, line)], [*map(bound, line)], "k", ls=dashes, lw=1.2, zorder=2.5)
-    for i, side in enumerate(sides):
-        of_side = {n: row for n, row in named.items() if row.detectors_per_side == side}
-        points = {n: (place(row), bound(row)) for n, row in of_side.items()}
-        for n, row in of_side.items():
-            colour = style.SHAPE_COLOURS[row.shape]
-            axes.plot(*points[n], "o", color=colour, ms=6, mec="k", zorder=3)
-        style.number_points(axes, points, (i + 0.5 + LANE) / len(sides), ha="right")
+    for row in named.values():
+        colour = style.SHAPE_COLOURS[row.shape]
+        axes.plot(place(row), bound(row), "o", color=colour, ms=6, mec="k", zorder=3)
+    style.number_points(axes, {n: (place(row), bound(row)) for n, row in named.items()})
 
 
 def _best(axes: Any, rows: Sequence[ScoredDesign], x: str, group: str, label: str) -> None:

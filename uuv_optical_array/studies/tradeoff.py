@@ -258,7 +258,6 @@ def report(rows: Sequence[Measurement]) -> str:
     return columns(lines, 2)
 
 
-LABELS_AT, MARGIN = 0.05, 0.2  # of the axes, which leave room for numbers
 PALE = 0.3  # how opaque the mark of a setting on no front is
 
 
@@ -298,7 +297,6 @@ def _draw_panel(axes: Any, rows: Sequence[Measurement], name: str) -> None:
         alpha = 1.0 if row in front else PALE
         axes.scatter(row.median_ms, getattr(row, column), alpha=alpha, zorder=3, **look)
     axes.set(xscale="log", yscale="log", xlabel="median time of a frame (ms)", ylabel=title)
-    axes.margins(x=MARGIN)
     best = min(rows, key=lambda row: getattr(row, f"floor_{column}"))
     side, unit = best.detectors_per_side, column.rpartition("_")[2]
     wanted = float(SPECIFICATION[3 * which])
@@ -316,7 +314,7 @@ def _draw_panel(axes: Any, rows: Sequence[Measurement], name: str) -> None:
         if row in front
     }
     axes.step(*zip(*points.values(), strict=True), where="post", color="k", lw=1.5, zorder=2.5)
-    style.number_points(axes, points, LABELS_AT)
+    style.number_points(axes, points)
     axes.grid(alpha=0.3, which="both", lw=0.4)
     for axis in (axes.xaxis, axes.yaxis):
         style.plain_log_ticks(axis)

@@ -25,7 +25,7 @@ import operator
 import sys
 import typing
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -441,16 +441,14 @@ class Choice:
         on_fronts = [row for rows in self.fronts.values() for row in rows]
         return list(dict.fromkeys([*on_fronts, *self.papers]))
 
-    def table(self, numbers: Collection[int] | None = None) -> str:
-        """Return `numbered` as a table, or those of some numbers, from 1."""
+    def table(self) -> str:
+        """Return `numbered` as a table."""
         heads = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "")
         lines: list[tuple[object, ...]] = [
             ("no", "design", "front", "15 deg", *heads),
             ("", "", "", "at", "m", "deg", "%", "deg", "deg", "sigma"),
         ]
         for number, row in enumerate(self.numbered, start=1):
-            if numbers is not None and number not in numbers:
-                continue
             on_fronts = [name for name, rows in self.fronts.items() if row in rows] or ["none"]
             standing = ", ".join(on_fronts) + "; the paper's array" * row.is_papers_array
             bounds = f"{row.position_m:.3f}", f"{row.angle_deg:.2f}", f"{100 * row.lit:.0f}"
@@ -461,11 +459,11 @@ class Choice:
 
     def as_object(self) -> dict[str, Any]:
         """Return plain values; None is not known, or has no bound."""
-        at = {id(row): i for i, row in enumerate(self.rows)}
+        place = {row: i for i, row in enumerate(self.rows)}
         return {
             "designs": [row.columns() for row in self.rows],
-            "fronts": {name: [at[id(row)] for row in rows] for name, rows in self.fronts.items()},
-            "numbered": [at[id(row)] for row in self.numbered],
+            "fronts": {name: [place[row] for row in rows] for name, rows in self.fronts.items()},
+            "numbered": [place[row] for row in self.numbered],
             "papers_array": [i for i, row in enumerate(self.rows) if row.is_papers_array],
         }
 
@@ -488,22 +486,17 @@ BOUNDS = {
     "position_m": ("bound on position, RMS (m)", float(SPECIFICATION[0]), volume_spread()[0]),
     "angle_deg": ("bound on angle, RMS (deg)", float(SPECIFICATION[3]), volume_spread()[1]),
 }
-# Where the shapes of a number of detectors are, and how wide each is, of the distance between two
-# numbers of detectors.
-CENTRE: dict[Shape, float] = {"planar": -0.3, "curved": 0.04}
-BAND = 0.3
+BESIDE: dict[Shape, float] = {"planar": -0.2, "curved": 0.0}  # where a shape is drawn
 CLOSE_UP_SIDE = 5
 
 
 def draw(choice: Choice, about: str) -> Any:
-    """Draw bounds against detectors, lamp, size and radius, and list the designs that fit."""
-    rows, mark = choice.rows, style.mark
-    listed = [*choice.fronts["fits"], *choice.papers]
-    named = {number: row for number, row in enumerate(choice.numbered, start=1) if row in listed}
-    figure = style.new_figure(13, 11)
-    parts: Any = figure.subfigures(3, 1, height_ratios=[5, 4, 1.8])
+    """Draw bounds against detectors, lamp, size and radius, and list the designs of the fronts."""
+    rows, width_m = choice.rows, choice.scene.array.width_m
+    figure = style.new_figure(13, 12)
+    parts: Any = figure.subfigures(3, 1, height_ratios=[5, 4, 2.6])
     for axes, name in zip(parts[0].subplots(1, 2), BOUNDS, strict=True):
-        _all_designs(axes, choice, named, name)
+        _all_designs(axes, choice, name)
     by_beam, by_radius, criterion = parts[1].subplots(1, 3)
     side = min((row.detectors_per_side for row in rows), key=lambda n: abs(n - CLOSE_UP_SIDE))
     alike = [row for row in rows if row.detectors_per_side == side]
@@ -520,66 +513,57 @@ def draw(choice: Choice, about: str) -> Any:
     criterion.set_xlabel("least angle of 0.2 m and 10 deg, 4 to 8 m (deg)")
     criterion.set_title(f"the paper's criterion, {THRESHOLD_DEG:g} deg, and the bound")
     left, right = parts[2].subplots(1, 2, width_ratios=(2.2, 1))
-    style.write_table(left, choice.table(named), 7.0, 1.3)
+    style.write_table(left, choice.table(), 7.0, 1.3)
     right.set_axis_off()
-    fits = f"front 'fits': no wider than {choice.scene.array.width_m:g} m, numbered"
-    handles = [
-        *(mark(f"{s}; wider arrays to the right", color=c) for s, c in style.SHAPE_COLOURS.items()),
-        mark(fits, "", color="k", lw=1.2),
-        mark("front 'any': of any width", "", color="k", lw=1.2, ls="--"),
-        mark("specification of the paper", "", color=style.SPECIFIED, lw=1.4, ls="--"),
-        mark("no measurement at all", "", color="0.5", lw=1.4, ls=":"),
-    ]
-    right.legend(handles=handles, loc="upper left", fontsize=10, frameon=False)
+    handles, labels = parts[0].axes[0].get_legend_handles_labels()
+    right.legend(handles, labels, loc="upper left", fontsize=10, frameon=False)
     title = f"What to build: {len(rows)} designs of array and lamp, scene {choice.scene.name}"
-    figure.suptitle(f"{title}\n{about}", fontsize=13)
+    figure.suptitle(f"{title}, whose array is {width_m:g} m wide\n{about}", fontsize=13)
     return figure
 
 
 def _bounds_axis(axes: Any, name: str) -> None:
     """Set up the axis of a bound, with the specification and what is known without light."""
     label, wanted, free = BOUNDS[name]
-    axes.axhline(wanted, color=style.SPECIFIED, ls="--", lw=1.4, zorder=1)
-    axes.axhline(free, color="0.5", ls=":", lw=1.4, zorder=1)
+    paper = {"color": style.SPECIFIED, "label": "specification of the paper"}
+    axes.axhline(wanted, ls="--", lw=1.4, zorder=1, **paper)
+    axes.axhline(free, color="0.5", ls=":", lw=1.4, zorder=1, label="no measurement at all")
     axes.set(yscale="log", ylabel=label)
     style.plain_log_ticks(axes.yaxis)
     axes.grid(alpha=0.3, lw=0.5)
 
 
 def _dots(axes: Any, x: Sequence[float], rows: Sequence[ScoredDesign], name: str) -> None:
-    """Draw a bound of designs as pale dots, coloured by their shape."""
-    colours = [style.SHAPE_COLOURS[row.shape] for row in rows]
-    y = [getattr(row, name) for row in rows]
-    axes.scatter(x, y, s=4, c=colours, alpha=0.5, lw=0, zorder=2)
+    """Draw a bound of designs as dots, coloured by their shape."""
+    for shape, colour in style.SHAPE_COLOURS.items():
+        points = [(at, getattr(r, name)) for at, r in zip(x, rows, strict=True) if r.shape == shape]
+        axes.plot(*np.reshape(points, (-1, 2)).T, "o", color=colour, ms=2, alpha=0.5, label=shape)
     _bounds_axis(axes, name)
 
 
-def _all_designs(axes: Any, choice: Choice, named: dict[int, ScoredDesign], name: str) -> None:
-    """Draw every design by its number of detectors, the fronts, and the numbers of the named."""
+def _all_designs(axes: Any, choice: Choice, name: str) -> None:
+    """Draw every design by its number of detectors, the fronts, and numbers of what fits."""
     rows, bound = choice.rows, operator.attrgetter(name)
     sides = sorted({row.detectors_per_side for row in rows})
-    widths = sorted({row.width_m for row in rows})
 
     def place(row: ScoredDesign) -> float:
-        share = (widths.index(row.width_m) + 0.5) / len(widths) - 0.5
-        return sides.index(row.detectors_per_side) + CENTRE[row.shape] + BAND * share
+        return sides.index(row.detectors_per_side) + BESIDE[row.shape]
 
     _dots(axes, [place(row) for row in rows], rows, name)
-    for i in range(1, len(sides)):
-        axes.axvline(i - 0.5, color="0.85", lw=0.8, zorder=0)
-    axes.grid(visible=False, axis="x")
     axes.set_xticks(range(len(sides)), [f"{n} x {n}" for n in sides])
     axes.set(xlim=(-0.5, len(sides) - 0.5), xlabel="detectors")
-    for front_name, dashes in (("fits", "-"), ("any", "--")):
+    for front_name, dashes, label in (
+        ("fits", "-", "front 'fits': no wider than the scene's"),
+        ("any", "--", "front 'any': of any width"),
+    ):
         # Of each number of detectors the best; the last of a key stays.
         on_front = sorted(choice.fronts[front_name], key=bound, reverse=True)
         best = {row.detectors_per_side: row for row in on_front}
         line = [best[side] for side in sorted(best)]
-        axes.plot([*map(place, line)], [*map(bound, line)], "k", ls=dashes, lw=1.2, zorder=2.5)
-    for row in named.values():
-        colour = style.SHAPE_COLOURS[row.shape]
-        axes.plot(place(row), bound(row), "o", color=colour, ms=6, mec="k", zorder=3)
-    style.number_points(axes, {n: (place(row), bound(row)) for n, row in named.items()})
+        axes.plot([*map(place, line)], [*map(bound, line)], "ko", ls=dashes, lw=1.2, label=label)
+    named = [*choice.fronts["fits"], *choice.papers]
+    points = {n: (place(r), bound(r)) for n, r in enumerate(choice.numbered, 1) if r in named}
+    style.number_points(axes, points)
 
 
 def _best(axes: Any, rows: Sequence[ScoredDesign], x: str, group: str, label: str) -> None:
@@ -590,21 +574,19 @@ def _best(axes: Any, rows: Sequence[ScoredDesign], x: str, group: str, label: st
     # Of all with the same values the best is the last.
     for row in sorted(rows, key=lambda row: row.position_m, reverse=True):
         lines.setdefault(getattr(row, group), {})[getattr(row, x)] = row.position_m
-    flat, values = lines.pop(None, {}), sorted(lines)
-    for value, colour in zip(values, style.shades("viridis", 0, 0.88, len(values)), strict=True):
+    values = sorted(lines.keys() - {None})
+    colours = [*style.shades("viridis", 0, 0.88, len(values)), style.SHAPE_COLOURS["planar"]]
+    for value, colour in zip([*values, *(lines.keys() & {None})], colours, strict=False):
+        name = "planar" if value is None else label.format(value)
         points = sorted(lines[value].items())
-        axes.plot(*zip(*points, strict=True), "o-", color=colour, ms=4, label=label.format(value))
-    if flat:
-        points = sorted(flat.items())
-        colour = style.SHAPE_COLOURS["planar"]
-        axes.plot(*zip(*points, strict=True), "o-", color=colour, ms=4, label="planar")
+        axes.plot(*zip(*points, strict=True), "o-", color=colour, ms=4, label=name)
+    if lines:
+        axes.legend(fontsize=8, framealpha=0.85)
     _bounds_axis(axes, "position_m")
     axes.set_xscale("log")
     ticks = sorted({getattr(row, x) for row in rows})
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.xaxis.set_minor_locator(NullLocator())
-    if rows:
-        axes.legend(fontsize=8, framealpha=0.85)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -20,9 +20,8 @@ import dataclasses
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,7 +42,6 @@ from uuv_optical_array.studies.tradeoff import SETTINGS_CSV, Group, Measurement
 
 POSITION_M, ANGLE_DEG = float(SPECIFICATION[X]), float(SPECIFICATION[YAW])
 BOUNDED = 200  # poses whose bound is shown
-# The fields of `Need`.
 NEEDS = {
     "rate": (Quantity("frames a second", "Hz", 0.001, 1e6), 10.0),
     "position": (Quantity("largest RMS distance from the truth", "m", 1e-6, 1e3), POSITION_M),
@@ -57,24 +55,17 @@ UNITS = {
 }
 
 
-@dataclass(frozen=True)
-class Need:
+class Need(NamedTuple):
     """The rate, which 99 of 100 frames have to meet, and the largest RMS errors."""
 
     rate_hz: float
     position_m: float
     angle_deg: float
 
-    @property
     def limits(self) -> dict[str, float]:
-        """The largest allowed value of each column of a `Measurement`."""
-        off = {"position_m": self.position_m, "angle_deg": self.angle_deg}
-        return {**off, "p99_ms": 1e3 / self.rate_hz, "without_pose": tradeoff.MOST_WITHOUT_POSE}
-
-    def shares(self, row: Measurement) -> dict[str, float]:
-        """Return each measured value as a share of its limit; nan counts as infinite."""
-        shares = {name: getattr(row, name) / limit for name, limit in self.limits.items()}
-        return {name: math.inf if math.isnan(share) else share for name, share in shares.items()}
+        """Return the largest allowed value of each column of a `Measurement`."""
+        values = self.position_m, self.angle_deg, 1e3 / self.rate_hz, tradeoff.MOST_WITHOUT_POSE
+        return dict(zip(UNITS, values, strict=True))
 
 
 def advise(rows: Sequence[Measurement], need: Need) -> tuple[Measurement, dict[str, float]]:
@@ -83,12 +74,19 @@ def advise(rows: Sequence[Measurement], need: Need) -> tuple[Measurement, dict[s
     The nearest is the one whose worst value is the least multiple of its limit. Published methods
     are no choice, because the estimator's node does not have them.
     """
+    limits = need.limits()
+
+    def worst(row: Measurement) -> float:
+        # An unknown value is infinitely far off.
+        shares = [getattr(row, name) / limit for name, limit in limits.items()]
+        return float(np.nan_to_num(shares, nan=math.inf).max(initial=1.0))
+
     choices = [row for row in rows if row.method in METHODS]
     if not choices:
-        raise ValueError(f"no setting of {', '.join(METHODS)} was measured; run it again to go on")
-    row = min(choices, key=lambda row: (max(1.0, *need.shares(row).values()), row.effort))
-    beyond = [name for name, share in need.shares(row).items() if share > 1]
-    return row, {name: getattr(row, name) - need.limits[name] for name in beyond}
+        raise ValueError(f"no setting of {', '.join(METHODS)} was measured; measure again")
+    row = min(choices, key=lambda row: (worst(row), row.effort))
+    beyond = {name: getattr(row, name) - limit for name, limit in limits.items()}
+    return row, {name: by for name, by in beyond.items() if not by <= 0}
 
 
 def scene_of(scene: Scene, row: Measurement) -> Scene:
@@ -125,7 +123,7 @@ def report(scene: Scene, need: Need, row: Measurement, excess: dict[str, float])
     if excess:
         lines = [f"no setting meets {needed}; the nearest: {row.label}"]
         for name, by in excess.items():
-            (what, unit), limit = UNITS[name], need.limits[name]
+            (what, unit), limit = UNITS[name], need.limits()[name]
             beyond = f"{by:.2g} more than {limit:.3g} ({by / limit:+.0%})"
             lines.append(f"  {what} is {getattr(row, name):.3g} {unit}, {beyond}")
     lines += [
@@ -181,7 +179,7 @@ def run(args: argparse.Namespace) -> int:
     path, frames, rows = _measured(scene, given)
     row, excess = advise(rows, need)
     load, count = max(row.load_average for row in rows), len(rows)
-    result = {"scene": scene.name, "asked": vars(need), "met": not excess, "lacks": excess}
+    result = {"scene": scene.name, "asked": need._asdict(), "met": not excess, "lacks": excess}
     complete, whence = path is not None, str(path or "not kept")
     result |= {"found": vars(row), "change": settings_of(scene, row), "measured": whence}
     result |= {"settings": count, "load_average": load, "complete": complete}

@@ -51,8 +51,6 @@ GAIN_PER_C = -2 / 576
 TEMPERATURE_C, K_PER_M = 3.0, 0.015
 
 BATCH = 20
-# The simulated vehicle holds its speed and does not drift.
-DOCKING = {"speed_walk_m_per_s": 0.005, "slip_m": 0.005}
 METHODS = ("moments", "least_squares", "tracker", "docking")
 PUBLISHED = "mean_end", "start_95", "end_95"  # errors, as of a `Case`
 PRINTED = {"mean_end": "mean error at the end", "end_95": "95 % of errors at the end"}
@@ -144,7 +142,7 @@ class ApproachErrors(NamedTuple):
 
     errors: Mapping[str, Array]  # estimate less truth by method, (n, FRAMES, 5), nan without a pose
     bound: Array  # of a single frame, by Cramer and Rao, with the prior, (FRAMES, 5)
-    run_bound: Array  # of all frames so far, with the motion of `DOCKING`
+    run_bound: Array  # of all frames so far, with the motion of the smoother
 
     @property
     def runs(self) -> int:
@@ -179,7 +177,7 @@ def simulate(
     model = ForwardModel(assumed_scene(scene, case))
     moments = calibrate(model, rng)
     estimator = Estimator(model.scene, "least_squares").wait()
-    motion = Motion(model, STEP_S, **DOCKING)
+    motion = Motion(model, STEP_S)
     for start in range(0, runs, batch):
         offsets = draw_offsets(min(batch, runs - start), rng)
         images = expose(model, case.path, offsets, rng)
@@ -200,7 +198,7 @@ def gathered(scene: Scene, case: Case, errors: Sequence[Array]) -> ApproachError
     """Return the errors of a case from those of `simulate`, beside its bounds."""
     model = ForwardModel(assumed_scene(scene, case))
     of_methods = dict(zip(METHODS, np.concatenate(errors, axis=1), strict=True))
-    run_bound = bound(Motion(model, STEP_S, **DOCKING), case.path)
+    run_bound = bound(Motion(model, STEP_S), case.path)
     return ApproachErrors(of_methods, cramer_rao_bound(model, case.path).std, run_bound)
 
 

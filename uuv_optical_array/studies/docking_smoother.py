@@ -46,7 +46,8 @@ def predict(states: Array, step_s: float) -> tuple[Array, Array]:
 class Motion:
     """The prior of a path: its first state, its steps and the offsets of the scene's settings.
 
-    Speed ahead and turn rates at the start are `FIRST_STD`; the others are random in 1 s.
+    Speed ahead and turn rates at the start are `FIRST_STD`; the others are random in 1 s, those of
+    a vehicle that holds its speed and does not drift, as the simulated one.
     """
 
     def __init__(
@@ -54,8 +55,8 @@ class Motion:
         model: ForwardModel,
         step_s: float,
         *,
-        speed_walk_m_per_s: float = 0.02,
-        slip_m: float = 0.02,
+        speed_walk_m_per_s: float = 0.005,
+        slip_m: float = 0.005,
         turn_walk_deg_per_s: float = 4.0,
     ) -> None:
         self.model, self.step_s = model, step_s

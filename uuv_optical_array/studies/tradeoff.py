@@ -67,7 +67,7 @@ ERRORS = {
 
 
 class Group(NamedTuple):
-    """Settings that share an array and a table, and are measured in turn, frame by frame."""
+    """Settings that share an array, its images and a table."""
 
     shape: Shape
     detectors_per_side: int
@@ -193,14 +193,14 @@ def measure(scene: Scene, group: Group, frames: int, seed: int) -> list[Measurem
     began = time.perf_counter()
     answers, rows = _answers(scene, group.methods, rng)
     build_s = time.perf_counter() - began
-    results = errors.frame_errors(answers, yardstick, poses, images)
-    if any(len(result.errors) < frames for result in results.values()):
-        raise KeyboardInterrupt  # cut short, so no measurement
     bound = cramer_rao_bound(model, poses)
     floor = working_volume.known_volume_std(bound.information)
     least = *errors.position_and_angle(bound.std), *errors.position_and_angle(floor)
     measured = []
-    for method, result in results.items():
+    for method, answer in answers.items():
+        result = errors.frame_errors(answer, yardstick, poses, images, range(frames))
+        if len(result.errors) < frames:
+            raise KeyboardInterrupt  # cut short, so no measurement
         setting = method, group.shape, side, group.steps, rows, float((~result.posed).mean())
         off = errors.position_and_angle(result.errors[result.posed])
         times = *result.frame_ms, result.model_ms, result.frame_ms[0] / result.model_ms, build_s

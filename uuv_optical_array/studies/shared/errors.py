@@ -1,8 +1,8 @@
-"""Errors of poses, and errors and times of estimators that answer the same frames in turns."""
+"""Errors of poses, and errors and times of estimators."""
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -117,50 +117,39 @@ def answer_of(estimator: Estimator) -> Answer:
 def errors_of(
     estimator: Estimator, yardstick: ForwardModel, poses: Array, images: Array, what: str = ""
 ) -> FrameErrors:
-    """Return the `frame_errors` of one estimator, with progress in the name of `what`."""
+    """Return the `frame_errors` of an estimator, with progress in the name of `what`."""
     rounds = progress.over(range(len(poses)), what=what)
-    return frame_errors({"": answer_of(estimator)}, yardstick, poses, images, rounds)[""]
+    return frame_errors(answer_of(estimator), yardstick, poses, images, rounds)
 
 
 def frame_errors(
-    answers: Mapping[str, Answer],
-    yardstick: ForwardModel,
-    poses: Array,
-    images: Array,
-    rounds: Iterable[int] | None = None,
-) -> dict[str, FrameErrors]:
-    """Estimate frame after frame by each method, which take turns, so that load is shared evenly.
+    answer: Answer, yardstick: ForwardModel, poses: Array, images: Array, rounds: Iterable[int]
+) -> FrameErrors:
+    """Estimate frame after frame, as `rounds` count them.
 
-    `images` are counts, ``(n, side, side)``, at true `poses`, m and rad, ``(n, 5)``; `rounds` count
-    them, and may show progress. The time of the `yardstick` is taken between frames, to tell how
-    fast the machine is just then. Ctrl-C ends it with the frames that every method has answered;
-    before the first it is raised.
+    `images` are counts, ``(n, side, side)``, at true `poses`, m and rad, ``(n, 5)``. The time of
+    the `yardstick` is taken between frames, to tell how fast the machine is just then. Ctrl-C ends
+    it with the frames that are answered; before the first it is raised.
     """
-    count, names = len(poses), list(answers)
-    errors = np.full((len(names), count, 5), np.nan)
-    covariances = np.full((*errors.shape, 5), np.nan)
-    frame_s, done = np.empty(errors.shape[:2]), 0
+    errors, covariances = np.full((len(poses), 5), np.nan), np.full((len(poses), 5, 5), np.nan)
+    frame_s: list[float] = []
     model_s: list[float] = []
     try:
-        for answer in answers.values():  # the first call is slower
+        with suppress(NoPose):  # the first call is slower
+            answer(images[0])
+        for i in rounds:
+            began = time.perf_counter()
             with suppress(NoPose):
-                answer(images[0])
-        for i in rounds or range(count):
-            # So that a busy machine is as busy for each of them.
-            for j in np.roll(range(len(names)), -i):
-                began = time.perf_counter()
-                with suppress(NoPose):
-                    pose, covariances[j, i] = answers[names[j]](images[i])
-                    errors[j, i] = pose - poses[i]
-                frame_s[j, i] = time.perf_counter() - began
+                pose, covariances[i] = answer(images[i])
+                errors[i] = pose - poses[i]
+            took_s = time.perf_counter() - began
             if i % MODEL_EVERY == 0:
                 began = time.perf_counter()
                 yardstick.linearised(np.resize(poses[i : i + MODEL_POSES], (MODEL_POSES, 5)))
                 model_s.append(time.perf_counter() - began)
-            done = i + 1
+            frame_s.append(took_s)
     except KeyboardInterrupt:
-        if not done:
+        if not frame_s:
             raise
-    of_methods = zip(errors[:, :done], covariances[:, :done], frame_s[:, :done], strict=True)
-    model = np.array(model_s)
-    return {name: FrameErrors(*of, model) for name, of in zip(names, of_methods, strict=True)}
+    done = len(frame_s)
+    return FrameErrors(errors[:done], covariances[:done], np.array(frame_s), np.array(model_s))

@@ -136,19 +136,23 @@ def test_statistics_of_planted_errors_are_the_closed_ones():
     bound = rng.uniform(0.1, 2, (FRAMES, 5))
     errors = 0.5 + 2 * bound * rng.standard_normal((4000, FRAMES, 5))
     errors[7, 3] = np.nan
-    found = ApproachErrors(dict.fromkeys(METHODS, errors), bound, bound)
-    assert found.runs == 4000
-    assert found.without_pose("docking") == 1
-    np.testing.assert_allclose(found.mean("docking"), 0.5, atol=0.35)
-    np.testing.assert_allclose(found.ratio("docking"), np.sqrt(4 + (0.5 / bound) ** 2), rtol=0.06)
-    spread = found.percentile_95("docking", about_mean=True)
-    np.testing.assert_allclose(spread, 1.96 * 2 * bound, rtol=0.1)
-    both = norm(0.5, 2 * bound)
-    np.testing.assert_allclose(
-        both.cdf(found.percentile_95("docking")) - both.cdf(-found.percentile_95("docking")),
-        0.95,
-        atol=0.02,
-    )
+    result = ApproachErrors(dict.fromkeys(METHODS, errors), bound, bound)
+    assert as_object(CASES["dive"], result)["runs"] == 4000
+    found = as_object(CASES["dive"], result)["methods"]["docking"]
+    in_degrees = np.array([1, 1, 1, 180 / np.pi, 180 / np.pi])
+
+    def of(key):
+        return np.array(list(found[key].values())) / in_degrees
+
+    assert found["without_pose"] == 1
+    np.testing.assert_allclose(of("mean_end"), 0.5, atol=0.35)
+    ratio = np.array([list(values.values()) for values in found["ratio_to_bound"].values()])
+    np.testing.assert_allclose(ratio, np.sqrt(4 + (0.5 / bound[::5]) ** 2), rtol=0.06)
+    np.testing.assert_allclose(of("end_95_about_mean"), 1.96 * 2 * bound[-1], rtol=0.1)
+    for key, frame in (("start_95", 0), ("end_95", -1)):
+        both = norm(0.5, 2 * bound[frame])
+        within = both.cdf(of(key)) - both.cdf(-of(key))
+        np.testing.assert_allclose(within, 0.95, atol=0.02)
 
 
 def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother(monkeypatch):
@@ -174,7 +178,7 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(tank, tank_file, tmp
     batches = list(simulate(tank, CASES["dive"], 3, np.random.default_rng(1), batch=1))
     assert [errors.shape for errors in batches] == 3 * [(len(METHODS), 1, FRAMES, 5)]
     again = gathered(tank, CASES["dive"], batches)
-    assert again.runs == 3
+    assert len(again.errors["moments"]) == 3
     assert result["cases"]["dive"] == as_object(
         CASES["dive"], gathered(tank, CASES["dive"], batches[:1])
     )
@@ -220,6 +224,7 @@ def test_the_docking_smoother_beats_the_tracker_and_single_images(tank):
     last = {m: np.sqrt(np.nanmean(result.errors[m][:, -10:] ** 2, axis=(0, 1))) for m in METHODS}
     assert (last["docking"][1:] < last["least_squares"][1:]).all()
     assert (last["docking"][:3] < last["moments"][:3] / 3).all()
-    ratio = np.sqrt(np.mean(result.ratio("least_squares")[20:] ** 2))
+    squares = np.mean(result.errors["least_squares"] ** 2, axis=0) / result.bound**2
+    ratio = np.sqrt(np.mean(squares[20:]))
     # 5 runs of 21 frames, each with nuisances of its own.
     assert 0.7 < ratio < 1.3

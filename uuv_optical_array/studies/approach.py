@@ -144,27 +144,10 @@ class ApproachErrors(NamedTuple):
     bound: Array  # of a single frame, by Cramer and Rao, with the prior, (FRAMES, 5)
     run_bound: Array  # of all frames so far, with the motion of the smoother
 
-    @property
-    def runs(self) -> int:
-        """How many runs there are."""
-        return len(self.errors[METHODS[0]])
 
-    def mean(self, method: str) -> Array:
-        """Mean error, frame by frame, shape ``(FRAMES, 5)``."""
-        return np.asarray(np.nanmean(self.errors[method], axis=0))
-
-    def percentile_95(self, method: str, about_mean: bool = False) -> Array:
-        """95 % of the absolute errors, frame by frame, shape ``(FRAMES, 5)``."""
-        errors = np.abs(self.errors[method] - (self.mean(method) if about_mean else 0.0))
-        return np.asarray(np.nanpercentile(errors, 95, axis=0))
-
-    def ratio(self, method: str) -> Array:
-        """RMS error over the bound of a single frame, frame by frame, shape ``(FRAMES, 5)``."""
-        return np.sqrt(np.nanmean(self.errors[method] ** 2, axis=0)) / self.bound
-
-    def without_pose(self, method: str) -> int:
-        """Count the frames without a pose."""
-        return int(np.isnan(self.errors[method][..., 0]).sum())
+def percentile_95(errors: Array) -> Array:
+    """95 % of absolute errors ``(n, FRAMES, 5)``, frame by frame."""
+    return np.asarray(np.nanpercentile(np.abs(errors), 95, axis=0))
 
 
 def simulate(
@@ -229,22 +212,24 @@ def by_docking(motion: Motion, images: Array, first: Array) -> Array:
 def as_object(case: Case, result: ApproachErrors) -> dict[str, Any]:
     """Return a case as plain values, in m and deg; None where the paper gives none."""
 
-    def of_method(method: str) -> dict[str, Any]:
-        errors, about_mean = (result.percentile_95(method, about) for about in (False, True))
-        values = {"mean_end": result.mean(method)[-1], "start_95": errors[0], "end_95": errors[-1]}
-        values |= {"start_95_about_mean": about_mean[0], "end_95_about_mean": about_mean[-1]}
-        ratios = zip(RANGES_M.round(1)[::5], result.ratio(method)[::5], strict=True)
+    def of_method(errors: Array) -> dict[str, Any]:
+        mean = np.nanmean(errors, axis=0)
+        off, spread = percentile_95(errors), percentile_95(errors - mean)
+        values = {"mean_end": mean[-1], "start_95": off[0], "end_95": off[-1]}
+        values |= {"start_95_about_mean": spread[0], "end_95_about_mean": spread[-1]}
+        ratio = np.sqrt(np.nanmean(errors**2, axis=0)) / result.bound
+        ratios = zip(RANGES_M.round(1)[::5], ratio[::5], strict=True)
         return {
             **{name: by_column(value * IN_DEGREES) for name, value in values.items()},
             "ratio_to_bound": {f"{metres:g} m": by_column(values) for metres, values in ratios},
-            "without_pose": result.without_pose(method),
+            "without_pose": int(np.isnan(errors[..., 0]).sum()),
         }
 
     figures = {
-        "runs": result.runs,
+        "runs": len(result.errors[METHODS[0]]),
         "published": {name: by_column(getattr(case, name)) for name in PUBLISHED},
         "aim_end_95": by_column(case.end_95 / AIM),
-        "methods": {method: of_method(method) for method in METHODS},
+        "methods": {method: of_method(errors) for method, errors in result.errors.items()},
         "bound_end_95": by_column(SIGMA_95 * result.bound[-1] * IN_DEGREES),
         "run_bound_end_95": by_column(SIGMA_95 * result.run_bound[-1] * IN_DEGREES),
     }
@@ -306,7 +291,7 @@ def _draw_panel(axes: Any, case: Case, result: ApproachErrors, dofs: list[int]) 
         return np.asarray((values * IN_DEGREES)[..., dofs].max(axis=-1))
 
     for method in METHODS:
-        errors = worst(result.percentile_95(method))
+        errors = worst(percentile_95(result.errors[method]))
         axes.plot(RANGES_M, errors, color=METHOD_COLOURS[method], lw=2, label=method)
     axes.plot(RANGES_M, SIGMA_95 * worst(result.bound), "k--", lw=1.2, label="bound of one image")
     all_so_far = SIGMA_95 * worst(result.run_bound)

@@ -134,11 +134,11 @@ def test_measurements_of_elsewhere_are_not_used(field, scene, tmp_path, capsys, 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     measured = []
 
-    def measure(scene, group, frames, seed):
+    def measure(scene, setting, frames, seed):
         if len(measured) == stop_after:
             raise KeyboardInterrupt
         measured.append((frames, seed))
-        return [row(side=11, shape="planar")]
+        return row(side=11, shape="planar")
 
     monkeypatch.setattr(tradeoff, "measure", measure)
     stop_after = 1

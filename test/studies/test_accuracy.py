@@ -191,7 +191,15 @@ def test_lamps_of_one_power_are_compared_in_three_seas(tmp_path):
     rows = {(row["lamps"], row["sea"]): row for row in answer["lamps"]}
     assert list(rows) == [(n, sea) for n in (1, 2, 3, 4) for sea in ("known", "drawn", "cloud")]
     assert matplotlib.image.imread(picture).shape[2] == 4
-    accuracy.draw(answer["lamps"][:5], "interrupted", "lamps").draw_without_rendering()
+    figure = accuracy.draw(answer["lamps"][:5], "interrupted", "lamps")
+    figure.draw_without_rendering()
+    for axes, dofs in zip(figure.axes, ([0], [1, 2], [3, 4]), strict=True):
+        for key, heights in (
+            ("rms_error", [bar.get_height() for bar in axes.patches]),
+            ("rms_bound", [line.get_segments()[0][0, 1] for line in axes.collections]),
+        ):
+            values = [np.array(list(row[key].values()))[dofs] for row in answer["lamps"][:5]]
+            assert heights == pytest.approx([np.sqrt(np.mean(v**2)) for v in values])
     lines = accuracy.lamps_table(answer["lamps"]).splitlines()[2:]
     for line, row in zip(lines, rows.values(), strict=True):
         x, _, _, pitch, yaw = row["rms_error"].values()

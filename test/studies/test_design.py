@@ -235,3 +235,14 @@ def test_each_design_that_fits_has_its_number_beside_it():
     for axes, bounds in zip(panels, ({"1": 0.2, "2": 0.1}, {"1": 2.0, "2": 1.0}), strict=True):
         notes = [note for note in axes.texts if isinstance(note, Annotation)]
         assert {note.get_text(): note.xy[1] for note in notes} == bounds
+
+
+def test_the_close_up_is_of_the_best_of_each_beam_and_radius():
+    rows = [row_of(5, 0.2, 1.0), row_of(5, 0.1, 1.0, width_m=0.2), row_of(7, 0.01, 1.0)]
+    curved = {"shape": "curved", "radius_m": 0.32, "beam_sigma_deg": 8.0}
+    rows += [row_of(5, 0.3, 1.0, **curved), row_of(5, 0.4, 1.0, **curved | {"width_m": 0.4})]
+    by_beam, by_radius, _ = draw(Choice(FOLLOW, rows), "about").subfigs[1].axes
+    drawn = {line.get_label(): line.get_xydata().tolist() for line in by_beam.lines[:2]}
+    assert drawn == {"radius 0.32 m": [[8.0, 0.3]], "planar": [[6.0, 0.1]]}
+    drawn = {line.get_label(): line.get_xydata().tolist() for line in by_radius.lines[:2]}
+    assert drawn == {"0.3 m wide": [[0.32, 0.3]], "0.4 m wide": [[0.32, 0.4]]}

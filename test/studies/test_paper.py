@@ -13,6 +13,7 @@ import pytest
 from conftest import sketching
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.markers import CARETDOWN, CARETUP
 from scipy import stats
 from second_paper import second_angle, second_features, second_image
 
@@ -251,6 +252,14 @@ def test_the_statements_are_marked_in_their_panels():
         for line in axes.get_lines()
         if len(line.get_xdata()) == 1
     }
+    # Their tips are at the stated angle.
+    shapes = {
+        (line.get_label().split()[-2], line.get_marker())
+        for axes in figure.findobj(lambda artist: hasattr(artist, "get_lines"))
+        for line in axes.get_lines()
+        if len(line.get_xdata()) == 1
+    }
+    assert {shape for shape in shapes if shape[0] in "<>"} == {("<", CARETDOWN), (">", CARETUP)}
     assert marked == {
         *(("planar: 5", 5, 5), ("planar: 11", 10, 11), ("curved: 12", 5, 12)),
         *(("curved: 22", 10, 22), ("3: < 15", 0.2, 15), ("5: > 15", 0.2, 15)),

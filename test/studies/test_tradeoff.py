@@ -27,18 +27,17 @@ from uuv_optical_array.studies.tradeoff import (
     FRAMES,
     PUBLISHED,
     SHAPES,
-    Group,
+    Setting,
     fronts,
     measure,
     numbered,
     plan,
 )
 
-GROUPS = [
-    Group("curved", 3, 3, METHODS),
-    Group("curved", 5, 3, METHODS),
-    Group("planar", 3, 0, ("moments",)),
-    Group("planar", 3, 0, ("look_up",)),
+PLAN = [
+    *(Setting(method, "curved", side, 3) for side in (3, 5) for method in METHODS),
+    Setting("moments", "planar", 3, 0),
+    Setting("look_up", "planar", 3, 0),
 ]
 
 
@@ -50,7 +49,7 @@ def scene():
 @pytest.fixture
 def small(monkeypatch):
     """A trade-off of a few settings, in seconds."""
-    monkeypatch.setattr(tradeoff, "plan", lambda scene, mode: GROUPS)
+    monkeypatch.setattr(tradeoff, "plan", lambda scene, mode: PLAN)
     monkeypatch.setitem(FRAMES, "quick", 5)
 
 
@@ -117,14 +116,10 @@ def test_settings_without_poses_or_worse_than_a_guess_are_on_no_front():
     assert numbered([]) == []
 
 
-def settings(groups):
-    return [(m, g.shape, g.detectors_per_side, g.steps) for g in groups for m in g.methods]
-
-
 @pytest.mark.parametrize("name", ["reference", "follow"])
 def test_full_plan_is_every_setting_once_and_quick_is_part_of_it(name):
     scene = load_scene(name)
-    full, quick = settings(plan(scene, "full")), settings(plan(scene, "quick"))
+    full, quick = plan(scene, "full"), plan(scene, "quick")
     wanted = {
         (method, shape, side, steps)
         for shape in SHAPES
@@ -142,15 +137,15 @@ def test_full_plan_is_every_setting_once_and_quick_is_part_of_it(name):
 
 def test_an_array_of_another_size_is_measured_too(scene):
     array = dataclasses.replace(scene.array, detectors_per_side=9)
-    groups = plan(dataclasses.replace(scene, array=array), "quick")
-    assert groups[0].detectors_per_side == 9
-    assert {group.detectors_per_side for group in groups} == {3, 5, 7, 9, 21}
+    settings = plan(dataclasses.replace(scene, array=array), "quick")
+    assert settings[0].detectors_per_side == 9
+    assert {setting.detectors_per_side for setting in settings} == {3, 5, 7, 9, 21}
 
 
 def test_rows_hold_the_errors_of_the_estimators(scene):
-    group = Group("curved", 3, 4, METHODS)
-    rows = {row.method: row for row in measure(scene, group, 12, 5)}
-    inside = group.scene(scene)
+    settings = {method: Setting(method, "curved", 3, 4) for method in METHODS}
+    rows = {method: measure(scene, setting, 12, 5) for method, setting in settings.items()}
+    inside = settings["sam"].scene(scene)
     model, rng = ForwardModel(inside), np.random.default_rng([5, 3, 0])
     poses = lit_poses(model, 12, rng)
     images = model.expose(poses, rng)
@@ -180,7 +175,7 @@ def test_what_is_measured_is_written_and_drawn(tmp_path, capsys):
     folder = tmp_path / "out"
     run("--output", folder, "--json")
     out, error = capsys.readouterr()
-    assert re.search(r"\b4/4 array and table", error)
+    assert re.search(r"\b8/8 setting", error)
     result = json.loads(out)
     assert result["complete"] is True
     assert (result["scene"], result["mode"], result["frames"]) == ("reference", "quick", 5)
@@ -196,15 +191,15 @@ def test_what_is_measured_is_written_and_drawn(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("sketched", "small")
-@pytest.mark.parametrize("stop_after", [0, 2])
+@pytest.mark.parametrize("stop_after", [0, 6])
 def test_a_run_that_is_stopped_writes_what_it_has(tmp_path, capsys, monkeypatch, stop_after):
-    groups = []
+    done = []
 
-    def measured(scene, group, *others):
-        if len(groups) == stop_after:
+    def measured(scene, setting, *others):
+        if len(done) == stop_after:
             raise KeyboardInterrupt
-        groups.append(group)
-        return measure(scene, group, *others)
+        done.append(setting)
+        return measure(scene, setting, *others)
 
     monkeypatch.setattr(tradeoff, "measure", measured)
     run("--output", tmp_path, code=130)

@@ -38,7 +38,7 @@ from uuv_optical_array.forward.working_volume import SPECIFICATION, lit_poses
 from uuv_optical_array.studies import tradeoff
 from uuv_optical_array.studies.shared.errors import position_and_angle
 from uuv_optical_array.studies.shared.results import read, write
-from uuv_optical_array.studies.tradeoff import SETTINGS_CSV, Group, Measurement
+from uuv_optical_array.studies.tradeoff import SETTINGS_CSV, Measurement, Setting
 
 POSITION_M, ANGLE_DEG = float(SPECIFICATION[X]), float(SPECIFICATION[YAW])
 BOUNDED = 200  # poses whose bound is shown
@@ -91,7 +91,7 @@ def advise(rows: Sequence[Measurement], need: Need) -> tuple[Measurement, dict[s
 
 def scene_of(scene: Scene, row: Measurement) -> Scene:
     """Return the scene of a setting."""
-    return Group(row.shape, row.detectors_per_side, row.steps, (row.method,)).scene(scene)
+    return Setting(row.method, row.shape, row.detectors_per_side, row.steps).scene(scene)
 
 
 def settings_of(scene: Scene, row: Measurement) -> dict[str, Any]:

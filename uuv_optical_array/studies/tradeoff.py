@@ -19,11 +19,13 @@ import os
 import platform
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.errors import NoPose
@@ -66,13 +68,13 @@ ERRORS = {
 }
 
 
-class Group(NamedTuple):
-    """Settings that share an array, its images and a table."""
+class Setting(NamedTuple):
+    """A method with an array and a table."""
 
+    method: str
     shape: Shape
     detectors_per_side: int
-    steps: int  # values along each axis of the table; 0: published methods have their own
-    methods: tuple[str, ...]  # all of ours, or a published one
+    steps: int  # values along each axis of the table; 0: a published method has its own
 
     def scene(self, scene: Scene) -> Scene:
         """Return the scene with this array, and with a table of the working volume."""
@@ -82,23 +84,23 @@ class Group(NamedTuple):
         return dataclasses.replace(scene, array=array, table=table)
 
 
-def plan(scene: Scene, mode: Mode) -> list[Group]:
-    """List the groups of a run, those of the scene's own array first."""
+def plan(scene: Scene, mode: Mode) -> list[Setting]:
+    """List the settings of a run, those of the scene's own array first."""
     own = scene.array
     sides = sorted({*SIDES, own.detectors_per_side}, key=lambda n: (n != own.detectors_per_side, n))
-    groups = []
+    settings = []
     for shape in sorted(SHAPES, key=lambda shape: shape != own.shape):
         for side in sides:
-            steps, methods = STEPS, PUBLISHED
+            steps, published_ones = STEPS, PUBLISHED
             if mode == "quick":
                 steps = STEPS[2:3]
                 if shape == own.shape:
                     steps = STEPS[:4] if side == own.detectors_per_side else STEPS[:3]
                 if shape != "planar" or side > QUICK_LOOK_UP_SIDE:
-                    methods = (MOMENTS,)
-            groups += [Group(shape, side, n, METHODS) for n in steps]
-            groups += [Group(shape, side, 0, (method,)) for method in methods]
-    return groups
+                    published_ones = (MOMENTS,)
+            settings += [Setting(method, shape, side, n) for n in steps for method in METHODS]
+            settings += [Setting(method, shape, side, 0) for method in published_ones]
+    return settings
 
 
 def this_machine() -> str:
@@ -120,7 +122,7 @@ def origin_of(scene: Scene, mode: Mode) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Measurement:
-    """The measured error and time of one setting, which is as in `Group`.
+    """The measured error and time of one setting, which is as in `Setting`.
 
     Errors and bounds are RMS distances, and angles of pitch and yaw together: nan where no frame
     got a pose, inf where a pose is unobservable.
@@ -158,61 +160,52 @@ class Measurement:
         return self.detectors_per_side, self.table_rows, self.median_ms
 
 
-def _answers(
-    scene: Scene, methods: Sequence[str], rng: np.random.Generator
-) -> tuple[dict[str, errors.Answer], int]:
-    """Return how each method of a group answers, and the rows of its table, if any."""
-    if methods == (MOMENTS,):
-        try:
-            moments = published.calibrate(ForwardModel(scene), rng).pose
-        except (np.linalg.LinAlgError, ValueError):
-            return {MOMENTS: _no_calibration}, 0
-        return {MOMENTS: lambda image: (moments(image), math.nan)}, 0
-    if methods == (LOOK_UP,):
+def _answer(scene: Scene, method: str, rng: np.random.Generator) -> tuple[errors.Answer, int]:
+    """Return how a method answers, and the rows of its table, if any."""
+    pose, rows = _no_calibration, 0
+    if method in METHODS:
+        table = build_table(scene)
+        return errors.answer_of(Estimator(table, method).wait()), len(table.poses)
+    if method == LOOK_UP:
         table = build_table(published.lookup_scene(scene))
-        look_up = published.LookUp(table).pose
-        return {LOOK_UP: lambda image: (look_up(image), math.nan)}, len(table.poses)
-    table = build_table(scene)
-    ours: dict[str, errors.Answer] = {
-        name: errors.answer_of(Estimator(table, name).wait()) for name in METHODS
-    }
-    return ours, len(table.poses)
+        pose, rows = published.LookUp(table).pose, len(table.poses)
+    else:
+        with suppress(np.linalg.LinAlgError, ValueError):
+            pose = published.calibrate(ForwardModel(scene), rng).pose
+    return lambda image: (pose(image), math.nan), rows
 
 
-def _no_calibration(image: Array) -> tuple[Array, float]:
+def _no_calibration(image: ArrayLike) -> Array:
     raise NoPose("no calibration: the array cannot be calibrated at the paper's poses")
 
 
-def measure(scene: Scene, group: Group, frames: int, seed: int) -> list[Measurement]:
-    """Measure the settings of a group; an array sees the same images in every group."""
-    yardstick, scene = ForwardModel(scene), group.scene(scene)
-    model, side = ForwardModel(scene), group.detectors_per_side
-    rng = np.random.default_rng([seed, side, SHAPES.index(group.shape)])
+def measure(scene: Scene, setting: Setting, frames: int, seed: int) -> Measurement:
+    """Measure a setting; an array sees the same images in every one."""
+    yardstick, scene = ForwardModel(scene), setting.scene(scene)
+    model = ForwardModel(scene)
+    seeds = [seed, setting.detectors_per_side, SHAPES.index(setting.shape)]
+    rng = np.random.default_rng(seeds)
     poses = working_volume.lit_poses(model, frames, rng)
     images = model.expose(poses, rng)
     began = time.perf_counter()
-    answers, rows = _answers(scene, group.methods, rng)
+    answer, rows = _answer(scene, setting.method, rng)
     build_s = time.perf_counter() - began
+    result = errors.frame_errors(answer, yardstick, poses, images, range(frames))
+    if len(result.errors) < frames:
+        raise KeyboardInterrupt  # cut short, so no measurement
     bound = cramer_rao_bound(model, poses)
     floor = working_volume.known_volume_std(bound.information)
-    least = *errors.position_and_angle(bound.std), *errors.position_and_angle(floor)
-    measured = []
-    for method, answer in answers.items():
-        result = errors.frame_errors(answer, yardstick, poses, images, range(frames))
-        if len(result.errors) < frames:
-            raise KeyboardInterrupt  # cut short, so no measurement
-        setting = method, group.shape, side, group.steps, rows, float((~result.posed).mean())
-        off = errors.position_and_angle(result.errors[result.posed])
-        times = *result.frame_ms, result.model_ms, result.frame_ms[0] / result.model_ms, build_s
-        measured.append(Measurement(*setting, *off, *least, *times, os.getloadavg()[0]))
-    return measured
+    rms = errors.position_and_angle
+    off = *rms(result.errors[result.posed]), *rms(bound.std), *rms(floor)
+    times = *result.frame_ms, result.model_ms, result.frame_ms[0] / result.model_ms, build_s
+    without = float((~result.posed).mean())
+    return Measurement(*setting, rows, without, *off, *times, os.getloadavg()[0])
 
 
 def measure_all(scene: Scene, mode: Mode) -> tuple[list[Measurement], bool]:
     """Measure the settings of a mode, and say whether all are there, or Ctrl-C ended it early."""
-    rounds = progress.over(plan(scene, mode), "array and table")
-    groups, complete = until_interrupted(measure(scene, g, FRAMES[mode], SEED) for g in rounds)
-    return [row for group in groups for row in group], complete
+    rounds = progress.over(plan(scene, mode), "setting")
+    return until_interrupted(measure(scene, one, FRAMES[mode], SEED) for one in rounds)
 
 
 def fronts(rows: Sequence[Measurement]) -> dict[str, list[Measurement]]:
@@ -357,6 +350,5 @@ def run(args: argparse.Namespace) -> int:
     labels = {name: [row.label for row in front] for name, front in fronts(rows).items()}
     result = {"complete": complete, **origin, "settings": [vars(row) for row in rows]}
     result |= {"fronts": labels, "pictures": pictures}
-    count = sum(len(group.methods) for group in plan(scene, mode))
-    missing = f"{len(rows)} of {count} settings"
+    missing = f"{len(rows)} of {len(plan(scene, mode))} settings"
     return outputs.finish(args, result, "\n".join(lines), complete, missing)

@@ -94,9 +94,9 @@ def reader(setting: Setting) -> Callable[[str], Any]:
     return read
 
 
-def settings_of(args: argparse.Namespace, owner: Callable[..., Any], *names: str) -> dict[str, Any]:
+def settings_of(args: argparse.Namespace, owner: Callable[..., Any]) -> dict[str, Any]:
     """Return the values of the options that `add_settings` added, by the name of the setting."""
-    return {name: vars(args)[name] for name in names or declared(owner)}
+    return {name: vars(args)[name] for name in declared(owner)}
 
 
 def add_scene(parser: argparse.ArgumentParser, default: str) -> None:

@@ -48,7 +48,6 @@ COLUMNS = {
     "rms_angle_deg": "angle (deg)",
     "nees_mean": "NEES",
 }
-ANSWERED, FALSE, EXCUSED = "#1f6fb4", "#c8401e", "#e0a080"
 # Key of a row, marker, colour and label of the errors.
 ERRORS = (
     ("rms_range_m", "o", "#1f6fb4", "range (m)"),
@@ -140,43 +139,40 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
     """Draw the shares answered and false, and the errors, a row for each kind."""
     figure = new_figure(14, 2.4 + 0.27 * max(len(rows), 12))
     left, middle, right = grid = figure.subplots(1, 3, sharey=True, width_ratios=(1, 1, 1.5))
-    y = np.arange(len(rows))
-    counts = np.array([[row["frames"], row["answered"]] for row in rows], float)
-    wrong = np.array([[row["beyond_6_sigma"], row["indistinguishable"]] for row in rows])
-    answered = 100 * counts[:, 1] / counts[:, 0]
-    false, excused = 100 * wrong.T / np.where(counts[:, 1] > 0, counts[:, 1], np.nan)
-    left.barh(y, answered, color=ANSWERED)
-    middle.barh(y, false, color=FALSE)
-    middle.barh(y, excused, color=EXCUSED)
-    for axes, shares, label in (
-        (left, answered, "answered, of all (%)"),
-        (middle, false, "beyond 6 sigma, of answered (%)"),
+    y, texts = np.arange(len(rows)), ("kind", "what")
+    of = {key: np.array([r[key] for r in rows], float) for key in rows[0] if key not in texts}
+    posed = np.where(of["answered"] > 0, of["answered"], np.nan)
+    for axes, key, whole, colour, label in (
+        (left, "answered", of["frames"], "#1f6fb4", "answered"),
+        (middle, "beyond_6_sigma", posed, "#c8401e", "beyond 6 of its own sigma"),
+        (
+            middle,
+            "indistinguishable",
+            posed,
+            "#e0a080",
+            "of these indistinguishable from the scene",
+        ),
     ):
-        for at, share in zip(y, shares, strict=True):
-            text = f"{share:.0f}" if share in (0, 100) else f"{share:.1f}"
-            axes.text(103, at, "-" if np.isnan(share) else text, va="center", fontsize=9)
-        axes.set(xlim=(0, 122), xticks=[0, 25, 50, 75, 100], xlabel=label)
-    for key, marker, colour, _ in ERRORS:
-        errors = np.array([row[key] for row in rows], float)  # None is nan
-        right.plot(errors, y, marker, color=colour, ms=6, alpha=0.85)
+        bars = axes.barh(y, 100 * of[key] / whole, color=colour, label=label)
+        if key != "indistinguishable":
+            axes.bar_label(bars, fmt="%.3g", padding=4, fontsize=9)
+    left.set(xlim=(0, 115), xlabel="answered, of all (%)")
+    middle.set(xlim=(0, 115), xlabel="beyond 6 sigma, of answered (%)")
+    for key, marker, colour, label in ERRORS:
+        right.plot(of[key], y, marker, color=colour, ms=6, alpha=0.85, label=label)
     right.axvline(FAR_M, color="k", lw=0.8, ls=":")
     right.set(xscale="log", xlabel="RMS error of the answered, m or deg")
     plain_log_ticks(right.xaxis)
     for axes in grid:
-        for at in y[[row["within_twice_prior"] for row in rows]]:
+        for at in y[of["within_twice_prior"] > 0]:
             axes.axhspan(at - 0.5, at + 0.5, color="0.94", lw=0, zorder=0)
         axes.grid(axis="x", alpha=0.4)
         axes.set_axisbelow(True)
         axes.tick_params(axis="y", length=0)
     left.set_yticks(y, [row["kind"] for row in rows], fontsize=10)
     left.set_ylim(len(rows) - 0.5, -0.5)
-    handles = [
-        mark("answered", "s", color=ANSWERED, ms=9),
-        mark("beyond 6 of its own sigma", "s", color=FALSE, ms=9),
-        mark("the same, indistinguishable from the scene", "s", color=EXCUSED, ms=9),
-        *(mark(label, marker, color=colour) for _, marker, colour, label in ERRORS),
-        mark("within twice the prior", "s", color="0.85", ms=9),
-    ]
+    handles = [handle for axes in grid for handle in axes.get_legend_handles_labels()[0]]
+    handles.append(mark("within twice the prior", "s", color="0.85", ms=9))
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=10)
     figure.suptitle(f"Where the sea is not the scene: {about}", fontsize=13)
     return figure

@@ -24,21 +24,21 @@ pytestmark = numba
 WAIT_AND_COMPILE = """
 import sys
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.unknowns.coordinates import quarter_turn
-compilation.compiled(quarter_turn)
+from uuv_optical_array.estimation.least_squares.misfit import chi_square_shape
+compilation.compiled(chi_square_shape)
 print("ready", flush=True)
 sys.stdin.readline()
-function = compilation.prepare(quarter_turn, 0.1, 0.2)
-print(sum(function.stats.cache_misses.values()), function(0.1, 0.2))
+function = compilation.prepare(chi_square_shape, 6.0, 28.0)
+print(sum(function.stats.cache_misses.values()), function(6.0, 28.0))
 """
 LOAD = """
 import os
 os.umask(0)
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.unknowns.coordinates import quarter_turn
-function = compilation.prepare(quarter_turn, 0.1, 0.2)
+from uuv_optical_array.estimation.least_squares.misfit import chi_square_shape
+function = compilation.prepare(chi_square_shape, 6.0, 28.0)
 (compilation.cache_folder() / f"fit{compilation.DONE}").touch()
-print(sum(function.stats.cache_misses.values()), function(0.1, 0.2))
+print(sum(function.stats.cache_misses.values()), function(6.0, 28.0))
 """
 FOLDER = (
     "from uuv_optical_array.core.numerics import compilation; print(compilation.cache_folder())"
@@ -67,7 +67,7 @@ def at_once(code, words, **environment):
 
 def test_of_processes_that_need_a_function_at_once_one_compiles_it(tmp_path):
     answers = at_once(WAIT_AND_COMPILE, [(), (), ()], NUMBA_CACHE_DIR=str(tmp_path))
-    assert sorted(answers) == ["0 (0.2, -0.1)", "0 (0.2, -0.1)", "1 (0.2, -0.1)"]
+    assert sorted(answers) == ["0 (1.0, 2.0)", "0 (1.0, 2.0)", "1 (1.0, 2.0)"]
 
 
 def test_the_folder_in_use_is_kept_and_of_others_the_latest(tmp_path):
@@ -123,7 +123,7 @@ def test_on_a_numba_that_is_not_known_inner_functions_are_compiled_in_its_own_wa
 def kept(tmp_path_factory):
     """A cache in which a process kept a function, and that it is done."""
     cache = tmp_path_factory.mktemp("cache")
-    assert printed(LOAD, cache) == "1 (0.2, -0.1)"
+    assert printed(LOAD, cache) == "1 (1.0, 2.0)"
     return cache
 
 
@@ -149,11 +149,11 @@ def damage(path, bit):
 
 def test_damaged_code_is_compiled_anew_and_not_run(kept, tmp_path):
     code, index, sums = copied(kept, tmp_path)
-    assert printed(LOAD, tmp_path) == "0 (0.2, -0.1)"
+    assert printed(LOAD, tmp_path) == "0 (1.0, 2.0)"
     for path in (sums.parents[1], sums.parent, code.parent, code, index):
         assert path.stat().st_mode & 0o077 == 0, path
     damage(code, 8 * (code.stat().st_size // 2))
-    assert printed(LOAD, tmp_path) == "1 (0.2, -0.1)"
+    assert printed(LOAD, tmp_path) == "1 (1.0, 2.0)"
     sums.parent.chmod(0o777)
     assert left(tmp_path) == set()
 

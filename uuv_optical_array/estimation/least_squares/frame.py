@@ -64,7 +64,7 @@ class Guide(NamedTuple):
     - poses: of these and more, m and rad, shape ``(k, 5)``.
     - roots: square roots of their readings, by columns, shape ``(n, k)``.
     - weights: of the five key parameters, and the constant that is appended, shape ``(6,)``.
-    - candidates, most: rows to start from, and at most where these leave doubt.
+    - candidates: rows to start from, unless these leave doubt.
     - max_score: score of the misfit beyond which a fit is no pose.
     - gaussian: whether the posterior is that of the linear model at the best minimum, not
       integrated.
@@ -77,7 +77,6 @@ class Guide(NamedTuple):
     roots: Array
     weights: Array
     candidates: int
-    most: int
     max_score: float
     gaussian: bool
     side: int
@@ -192,9 +191,9 @@ def find_minima(
 
     Where the first starts lead to rivals or to a fit that noise can hardly explain, more follow.
     """
-    most = min(guide.most, guide.units.shape[1])
+    most = min(MOST_STARTS, guide.units.shape[1])
     enough = guide.gaussian or lit(problem) >= FEW_LIT
-    count = min(guide.candidates if enough else guide.most, most)
+    count = min(guide.candidates if enough else MOST_STARTS, most)
     rows, chords = nearest_rows(guide.units, unit, max(count, 2))
     angle = 2 * np.arcsin(min(0.5 * chords[0], 1.0))
     second_angle = 2 * np.arcsin(min(0.5 * chords[1], 1.0))

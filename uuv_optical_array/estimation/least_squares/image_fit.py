@@ -22,7 +22,6 @@ from uuv_optical_array.estimation.least_squares.faults import log_evidence, most
 from uuv_optical_array.estimation.least_squares.frame import (
     FITTED,
     MISFIT,
-    MOST_STARTS,
     NO_START,
     FrameResult,
     Guide,
@@ -72,7 +71,6 @@ OFTEN = 3.0
 # Probability that a lamp is off or hidden, and chance of noise from which one that shows nothing
 # may be.
 LAMP_OFF, LIKELY_DARK = 1e-3, 1e-3
-FIRST_STARTS = 12  # of several lamps, before other explanations than a lost fit are tried
 
 
 class Image(NamedTuple):
@@ -152,7 +150,6 @@ class ImageFit:
             np.ascontiguousarray(np.sqrt(np.maximum(flat, 0.0)).T),
             lifted(np.ones(5), scene.signature, side),
             candidates,
-            MOST_STARTS,
             float(-ndtri(max_misfit)),
             bool(scene.lamps),
             side,
@@ -218,16 +215,8 @@ class ImageFit:
         if parameters is None:
             parameters = np.full((5, 1), np.nan)  # the frame's: it writes into it
         image, kinds = Image(readings, parameters, roll, expected), expecting(self._kinds, expected)
-        trials = [guide or self.guide]
-        if self._models and guide is None:
-            trials.insert(0, self.guide._replace(most=FIRST_STARTS))
-        found: list[Hypothesis] = []
-        for trial in trials:
-            faults = guide is None and trial is trials[0]
-            found = self._hypotheses(image, kinds, trial, faults)
-            if any(each.frame.outcome == FITTED for each in found):
-                break
-        return self._together(image, found, match=guide is not None)
+        found = self._hypotheses(image, kinds, guide or self.guide, faults=guide is None)
+        return self._together(image, found)
 
     def _hypotheses(
         self, image: Image, kinds: list[FrameKind], guide: Guide, faults: bool
@@ -335,7 +324,7 @@ class ImageFit:
         units = np.ascontiguousarray(self.guide.units[:, :2])  # else Numba compiles once more
         return self.guide._replace(poses=poses, units=units, gaussian=True)
 
-    def _together(self, image: Image, found: list[Hypothesis], match: bool) -> Estimate:
+    def _together(self, image: Image, found: list[Hypothesis]) -> Estimate:
         """Return the mixture of hypotheses; `NoPose` where none fits."""
         main, result, clear = found[0], found[0].frame, 1.0
         if len(found) > 1:
@@ -356,7 +345,7 @@ class ImageFit:
             near = near._replace(
                 at=near.at[:count], slopes=near.slopes[:, :count], variances=variances
             )
-        elif expected and not (match and len(expected.mean) == fitted):
+        elif expected:
             constants = best[5:][main.kind.places], expected.mean[fitted:]
             at = np.concatenate([best[:5], *constants])
             near = self.near(image.readings, at, image.roll, result.stretch, main.problem.weights)

@@ -17,6 +17,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     Problem,
     light_at,
     lit,
+    misfit,
     refine,
     start_at,
 )
@@ -31,6 +32,7 @@ ROWS = 1536  # poses whose images are compared
 # Cost of a detector, as of three standard deviations, up to which it is no fault, and what each
 # further lamp adds to it, as chi-squares of more degrees of freedom are about so much larger.
 TAKEN_BACK, EACH_LAMP = 4.5, 1.25
+WELL = 0.84  # score of a fit from which the readings that are left out may be the wrong ones
 
 
 def lamps_of(problem: Problem) -> Any:
@@ -121,6 +123,22 @@ def leave_out(problem: Problem, poses: Array, roots: Array, count: int) -> bool:
             least, at, best = cost, there, alike
     for j in range(len(readings)):
         weights[j] = best[j]
+    # A detector that bends the fit is not far off, and another one in its place.
+    for place in np.flatnonzero(best[:detectors] == 0):
+        if misfit(problem, at).score < WELL:
+            break
+        swapped = place
+        weights[place::detectors] = 1.0
+        for j in range(detectors):
+            if best[j] > 0:
+                weights[j::detectors] = 0.0
+                state = refine(problem, at, MOST_STEPS)
+                if state.cost < least:
+                    least, there, swapped = state.cost, state.parts[AT].copy(), j
+                weights[j::detectors] = 1.0
+        weights[swapped::detectors] = 0.0
+        if swapped != place:
+            at, best = there, weights.copy()
     for _ in range(count):
         light = write_squares(problem, at, squares)
         j, nearest = 0, np.inf

@@ -208,7 +208,7 @@ def fit(estimator):
 
 def clear_fit(fit, problem):
     """Return the fit of a clear frame from the true pose."""
-    return fit._hypothesis(fit._kinds[0], problem, fit._from(POSE, 0.0), np.full((5, 1), np.nan))
+    return fit._hypothesis(fit._kinds[0], problem, fit._from(POSE, 0.0))
 
 
 @pytest.mark.parametrize(("name", "off"), [(ROLL, 0.08), (BEAM_SIGMA, -1.5)])

@@ -185,10 +185,11 @@ class Estimator:
         Parameters
         ----------
         image
-            Counts, shape ``(side, side)``. ``least_squares`` needs it; the other methods hold their
+            Counts, shape ``(side, side)``. ``least_squares`` fits it; the other methods hold their
             match to it, and believe the key parameters without it.
         parameters
-            Key parameters of the image, shape ``(5,)``; ``None``: worked out from the image.
+            Key parameters of the image, shape ``(5,)``; ``None``: worked out from the image, as
+            ``least_squares`` always does.
         roll
             Roll of the follower, as its own sensors know it, rad.
         expected
@@ -230,11 +231,10 @@ class Estimator:
             if not readings.max() > 0:
                 raise NoPose(f"no light: the brightest detector reads {readings.max():g}")
             if fits:
-                return self._fit(readings, None, roll, expected)
+                return self._fit(readings, roll, expected)
             image = readings.reshape(self._model.image_shape)
             parameters = scene_parameters(image, self.scene)
-        # A copy, as compiled code is made anew for every layout of the memory.
-        parameters = np.array(parameters, dtype=float)
+        parameters = np.asarray(parameters, dtype=float)
         # Far beyond any image's, and yet safe to weigh.
         if parameters.shape != (5,) or not all(abs(each) < 1e100 for each in parameters.tolist()):
             raise NoPose(f"not five finite numbers: {parameters.tolist()}")
@@ -242,14 +242,13 @@ class Estimator:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
         check_parameters(parameters, self._bounds)
         if fits:
-            return self._fit(self._readings(image), parameters[:, None], roll, expected)
+            return self._fit(self._readings(image), roll, expected)
         match, rows, poses = self._match(self.table.vectors(parameters), roll)
         if image is None:
             return match
         # From the match itself, and from its neighbours only where it leads nowhere.
         near = rows[:MOST_STARTS], poses[:MOST_STARTS]
-        parameters = parameters[:, None]
-        return self._verified(match, *near, parameters, self._readings(image), roll, expected)
+        return self._verified(match, *near, self._readings(image), roll, expected)
 
     def check_shape(self, image: ArrayLike | None) -> None:
         """Raise `NoPose` for what is no image of the scene's array."""
@@ -300,7 +299,6 @@ class Estimator:
         match: Estimate,
         rows: NDArray[np.intp],
         poses: Array,
-        parameters: Array,
         readings: Array,
         roll: float,
         expected: Expected | None,
@@ -312,7 +310,7 @@ class Estimator:
             candidates=1,
             gaussian=True,
         )
-        fitted = self._fit(readings, parameters, roll, expected, near)
+        fitted = self._fit(readings, roll, expected, near)
         off = wrapped(match.pose - fitted.pose)
         # The cell of the grid and the spread of the neighbours, wider where the match is farther
         # off, and what the noise and the unknowns of the scene leave.

@@ -159,7 +159,6 @@ def test_the_evidence_of_an_image_is_the_same_from_one_start_and_from_many():
                 fit._kinds[0],
                 fit._kinds[0].problem._replace(readings=readings),
                 fit.guide,
-                np.full((5, 1), np.nan),
             ).frame
             for fit in (each._fit for each in estimators)
         )

@@ -309,14 +309,11 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
     return wider
 
 
-def estimate_frame(
-    problem: Problem, guide: Guide, parameters: Array, most_faulty: int
-) -> FrameResult:
+def estimate_frame(problem: Problem, guide: Guide, most_faulty: int) -> FrameResult:
     """Estimate the pose of one image.
 
     - problem: with the readings, and the roll.
     - guide: of the scene's table.
-    - parameters: key parameters of the image, shape ``(5, 1)``; nan: to be worked out from it.
     - most_faulty: how many detectors may be faulty, whose readings and weights are written; where
       none is found there is no estimate. 0: none is looked for.
     """
@@ -328,12 +325,11 @@ def estimate_frame(
     best, angle, second_angle = NO_FIT, np.nan, np.nan
     runner_up, runner_up_score, wider = nothing, np.nan, False
     if most_faulty == 0 or leave_out(problem, guide.poses, guide.roots, most_faulty):
-        if np.isnan(parameters[0, 0]):
-            side, full_scale = guide.side, guide.full_scale_counts
-            column = np.zeros((side * side, 1))  # the images of all lamps together
-            for i in range(len(problem.readings)):
-                column[i % (side * side), 0] += problem.readings[i]
-            write_parameters(column, side, full_scale, guide.subdetector, parameters)
+        side, parameters = guide.side, np.empty((5, 1))
+        column = np.zeros((side * side, 1))  # the images of all lamps together
+        for i in range(len(problem.readings)):
+            column[i % (side * side), 0] += problem.readings[i]
+        write_parameters(column, side, guide.full_scale_counts, guide.subdetector, parameters)
         unit = guide.weights.copy()
         for i in range(5):
             unit[i] *= parameters[i, 0]

@@ -77,7 +77,6 @@ class Image(NamedTuple):
     """An image and what is known of it, as `ImageFit` is given them."""
 
     readings: Array
-    parameters: Array
     roll: float
     expected: Expected | None
 
@@ -173,7 +172,7 @@ class ImageFit:
         if compiled:
             features.prepare(model.array.side)
             joint_coordinates.prepare(constants)
-            example = kinds[0].problem, self.guide, np.ones((5, 1)), 0
+            example = kinds[0].problem, self.guide, 0
             frame = compilation.prepare(estimate_frame, *example)
         self._kinds, self._linearise, self._frame, self._models = kinds, lineariser, frame, models
         self.compiled = compiled
@@ -197,7 +196,6 @@ class ImageFit:
     def __call__(
         self,
         readings: Array,
-        parameters: Array | None = None,
         roll: float = 0.0,
         expected: Expected | None = None,
         guide: Guide | None = None,
@@ -205,16 +203,12 @@ class ImageFit:
         """Fit an image.
 
         - readings: counts, shape ``(m,)``.
-        - parameters: key parameters of the image, shape ``(5, 1)``; ``None``: worked out from the
-          image.
         - roll: of the follower, rad.
         - expected: as of `Estimator.estimate`.
         - guide: ``None``: that of all images, some of whose detectors may be faulty.
         - NoPose: for an image that no pose of the scene explains.
         """
-        if parameters is None:
-            parameters = np.full((5, 1), np.nan)  # the frame's: it writes into it
-        image, kinds = Image(readings, parameters, roll, expected), expecting(self._kinds, expected)
+        image, kinds = Image(readings, roll, expected), expecting(self._kinds, expected)
         found = self._hypotheses(image, kinds, guide or self.guide, faults=guide is None)
         return self._together(image, found)
 
@@ -226,7 +220,7 @@ class ImageFit:
         dark = self._without_dark_lamp(image, kinds[0], problem, guide) if models else None
         # Where a lamp is dark, no start with all of them may lead anywhere.
         start = self._from(dark.frame.best[:5], image.roll) if dark else guide
-        clear = self._hypothesis(kinds[0], problem, start, image.parameters)
+        clear = self._hypothesis(kinds[0], problem, start)
         found = [clear, dark] if dark else [clear]
         if models and clear.linear:
             if clear.frame.outcome == NO_START or (dark and clear.frame.outcome == MISFIT):
@@ -239,15 +233,10 @@ class ImageFit:
         return [*found, faulty] if faulty else found
 
     def _hypothesis(
-        self,
-        kind: FrameKind,
-        problem: Problem,
-        guide: Guide,
-        parameters: Array,
-        most_faulty: int = 0,
+        self, kind: FrameKind, problem: Problem, guide: Guide, most_faulty: int = 0
     ) -> Hypothesis:
         """Fit an image as a frame of a kind."""
-        frame = self._frame(problem, guide, parameters, most_faulty)
+        frame = self._frame(problem, guide, most_faulty)
         linear = None
         if self._models:
             frame, linear = self._models.about(kind, problem, frame)
@@ -257,10 +246,10 @@ class ImageFit:
 
     def _other(self, image: Image, kind: FrameKind, clear: Hypothesis, guide: Guide) -> Hypothesis:
         """Fit an image as a frame of another kind than a clear one."""
-        problem, parameters = image.problem(kind), image.parameters
+        problem = image.problem(kind)
         if self._models or (kind.rare and not guide.gaussian):
             there = self._from(clear.frame.best[:5], image.roll)
-            found = self._hypothesis(kind, problem, there, parameters)
+            found = self._hypothesis(kind, problem, there)
             if self._models:
                 lost = found.frame._replace(outcome=MISFIT)
                 return found if self._fits(found) else found._replace(frame=lost)
@@ -269,7 +258,7 @@ class ImageFit:
             _, shares = mixture([clear.frame, found.frame], evidence)
             if shares[0] > MOSTLY_CLEAR:
                 return found
-        return self._hypothesis(kind, problem, guide, parameters)
+        return self._hypothesis(kind, problem, guide)
 
     def _without_dark_lamp(
         self, image: Image, kind: FrameKind, problem: Problem, guide: Guide
@@ -287,7 +276,7 @@ class ImageFit:
         weights = np.ones_like(images)
         weights[dark] = 0.0
         problem = problem._replace(weights=weights.ravel())
-        found = self._hypothesis(kind, problem, guide, image.parameters)
+        found = self._hypothesis(kind, problem, guide)
         return self._mended(found, math.log(LAMP_OFF) - 0.5 * squares[dark])
 
     def _faulty(self, found: list[Hypothesis]) -> Hypothesis | None:
@@ -304,7 +293,7 @@ class ImageFit:
             return None
         readings, weights = problem.readings.copy(), np.ones(len(problem.readings))
         problem = problem._replace(readings=readings, weights=weights)
-        faulty = self._hypothesis(kind, problem, self.guide, np.full((5, 1), np.nan), count)
+        faulty = self._hypothesis(kind, problem, self.guide, count)
         return self._mended(faulty, log_evidence(problem))
 
     def _mended(self, found: Hypothesis, log_chance: float) -> Hypothesis | None:

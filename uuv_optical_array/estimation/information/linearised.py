@@ -59,11 +59,6 @@ class LinearisedReadings(NamedTuple):
         slopes = np.linalg.solve(weighted @ fitted + precision, weighted @ given)
         return np.asarray(-slopes[:5])
 
-    def covariance(self, precision: Array, gain_std: float) -> Array:
-        """Return the covariance of pose and constants under a prior of this inverse covariance."""
-        weighted = self.slopes.T / (self.variances + np.square(gain_std * self.light))
-        return np.asarray(np.linalg.inv(weighted @ self.slopes + precision))
-
 
 class Lineariser:
     """Linearises the likelihood of images of one scene.

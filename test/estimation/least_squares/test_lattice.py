@@ -1,4 +1,4 @@
-"""The lattice: a node against SciPy's optimiser, its two rules, and how posteriors are joined."""
+"""The lattice: a node against SciPy's optimiser, and its two rules."""
 
 import numpy as np
 import pytest
@@ -9,9 +9,7 @@ from scipy.optimize import minimize
 
 from uuv_optical_array.core.geometry import PITCH, YAW
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.least_squares.frame import joined
 from uuv_optical_array.estimation.least_squares.posterior import (
-    PosteriorMoments,
     basis_of,
     fill,
     integrate,
@@ -118,27 +116,6 @@ def test_laplace_has_the_evidence_of_the_integral_where_it_is_nearly_gaussian():
     stds = np.sqrt(whole.covariance.diagonal())
     np.testing.assert_allclose(plain.mean, whole.mean, atol=0.3 * stds.min())
     np.testing.assert_allclose(np.sqrt(plain.covariance.diagonal()), stds, rtol=0.05)
-
-
-def test_joined_posteriors_have_the_moments_of_all_their_samples():
-    rng = np.random.default_rng(8)
-    root = rng.uniform(-1, 1, (2, 5, 5))
-    means = np.array([[1.0, 2, 3, 0.1, -0.2], [2.0, -1, 3.5, -0.3, 0.4]])
-    parts = [
-        PosteriorMoments(log, mean, factor @ factor.T, 20)
-        for log, mean, factor in zip((-700.0, -700.0 + np.log(3)), means, root, strict=True)
-    ]
-    shares = np.array([0.25, 0.75])
-    mean = shares @ means
-    second = sum(
-        share * (part.covariance + np.outer(part.mean, part.mean))
-        for share, part in zip(shares, parts, strict=True)
-    )
-    for found in (joined(*parts), joined(*parts[::-1])):
-        np.testing.assert_allclose(found.mean, mean, rtol=1e-12)
-        np.testing.assert_allclose(found.covariance, second - np.outer(mean, mean), atol=1e-12)
-        assert found.log_weight == pytest.approx(-700 + np.log(4), abs=1e-9)
-        assert found.nodes == 40
 
 
 def test_the_evidence_of_an_image_is_the_same_from_one_start_and_from_many():

@@ -15,7 +15,6 @@ from uuv_optical_array.estimation.least_squares.faults import leave_out
 from uuv_optical_array.estimation.least_squares.posterior import (
     PosteriorMoments,
     integrate,
-    is_covered,
     laplace,
     new_lattice,
 )
@@ -231,60 +230,13 @@ def find_minima(
     return minima, best_misfit, angle, second_angle
 
 
-def joined(one: PosteriorMoments, other: PosteriorMoments) -> PosteriorMoments:
-    """Return the moments of two posteriors that are not connected, as one."""
-    largest = max(one.log_weight, other.log_weight)
-    weight, rest = np.exp(one.log_weight - largest), np.exp(other.log_weight - largest)
-    share = rest / (weight + rest)
-    apart = other.mean - one.mean
-    covariance = (1 - share) * one.covariance + share * other.covariance
-    for i in range(5):
-        for j in range(5):
-            covariance[i, j] += share * (1 - share) * (apart[i] * apart[j])
-    return PosteriorMoments(
-        largest + np.log(weight + rest),
-        one.mean + share * apart,
-        covariance,
-        one.nodes + other.nodes,
-    )
-
-
-def whole_posterior(problem: Problem, minima: list[State]) -> PosteriorMoments:
-    """Return the moments of the posterior about all minima that are not negligible."""
-    size = minima[0].parts.shape[1]
-    lattices = [new_lattice(size)]
-    integrals = [integrate(problem, minima[0].parts[AT], lattices[0])]
-    counts = [np.isfinite(integrals[0].log_weight)]
-    owners = [0]  # of each minimum, whose lattice covers it
+def posterior_about(problem: Problem, minima: list[State]) -> PosteriorMoments:
+    """Return the moments of the posterior that is connected with the best minimum that has any."""
+    lattice = new_lattice(minima[0].parts.shape[1])
+    moments = integrate(problem, minima[0].parts[AT], lattice)
     for i in range(1, len(minima)):
-        if minima[i].cost - minima[0].cost > NEGLIGIBLE:
-            break
-        owner = -1
-        for k in range(len(lattices)):
-            if owner < 0 and is_covered(minima[i].parts, lattices[k]):
-                owner = k
-        if owner < 0:
-            lattices.append(new_lattice(size))
-            other = integrate(problem, minima[i].parts[AT], lattices[-1])
-            # It may reach minima from which it was not reached: of two such the heavier is whole.
-            reached = [is_covered(minima[j].parts, lattices[-1]) for j in range(i)]
-            heaviest = np.isfinite(other.log_weight)
-            for j in range(i):
-                if reached[j] and counts[owners[j]]:
-                    heaviest = heaviest and other.log_weight > integrals[owners[j]].log_weight
-            owner = len(integrals)
-            integrals.append(other)
-            counts.append(heaviest)
-            for j in range(i):
-                if reached[j] and heaviest:
-                    counts[owners[j]] = False
-                    owners[j] = owner
-        owners.append(owner)
-    moments, first = integrals[0], counts[0]
-    for k in range(1, len(integrals)):
-        if counts[k]:
-            moments = joined(moments, integrals[k]) if first else integrals[k]
-            first = True
+        if not np.isfinite(moments.log_weight):
+            moments = integrate(problem, minima[i].parts[AT], lattice)
     return moments
 
 
@@ -342,7 +294,7 @@ def estimate_frame(problem: Problem, guide: Guide, most_faulty: int) -> FrameRes
             if best.lenient_score <= guide.max_score:
                 outcome = FITTED
                 gaussian = guide.gaussian
-                moments = laplace(minima[0]) if gaussian else whole_posterior(problem, minima)
+                moments = laplace(minima[0]) if gaussian else posterior_about(problem, minima)
                 pose, evidence = moments.mean, moments.log_weight
                 covariance = best.stretch * moments.covariance
                 wider = cover(minima, pose, covariance)

@@ -52,7 +52,6 @@ LEAST_NODES = 5  # below which there is no covariance
 MOST_NODES = 400
 HALF_WIDTH = 100  # nodes from the minimum to the edge of the map
 FINER = 4  # times the lattice may be made finer
-NEAR = 3.0  # standard deviations from a node within which a minimum belongs to it
 # Decrement that all else may still have at a node; Laplace's approximation takes it into account.
 SETTLED = 0.3
 UNSETTLED = 3.0  # decrement at a node from which the approximation means nothing
@@ -382,28 +381,6 @@ def new_lattice(size: int) -> Lattice:
     )
 
 
-def is_covered(parts: Array, lattice: Lattice) -> bool:
-    """Say whether a minimum is within `NEAR` standard deviations of a node of a lattice."""
-    size, largest = parts.shape[1], lattice.logs.max()
-    off = np.empty(size)
-    for node in range(len(lattice.logs)):
-        if not lattice.logs[node] > largest - NEGLIGIBLE:
-            continue
-        u = parts[AT, PITCH] - lattice.ats[node, PITCH]
-        v = parts[AT, YAW] - lattice.ats[node, YAW]
-        curvatures = lattice.curvatures[node]
-        distance = u * u * curvatures[0] + 2 * u * v * curvatures[1] + v * v * curvatures[2]
-        for i in range(size):
-            off[i] = parts[AT, i] - lattice.ats[node, i]
-            off[i] -= u * lattice.moved[node, 0, i] + v * lattice.moved[node, 1, i]
-            for j in range(i):
-                distance += 2 * off[i] * parts[INFORMATION + i, j] * off[j]
-            distance += off[i] * parts[INFORMATION + i, i] * off[i]
-        if distance < NEAR * NEAR:
-            return True
-    return False
-
-
 def laplace(state: State) -> PosteriorMoments:
     """Return the moments of a posterior by Laplace's approximation about a minimum."""
     parts = state.parts
@@ -424,7 +401,7 @@ def laplace(state: State) -> PosteriorMoments:
 
 
 def integrate(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMoments:
-    """Integrate the posterior that is connected with a minimum of the cost, over a new lattice.
+    """Integrate the posterior that is connected with a minimum of the cost, over a lattice.
 
     The weight is -inf where the image leaves no finite posterior.
     """

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from uuv_optical_array.control.bluerov2 import (
     ALLOCATION,
     BLUEROV2,
-    LIMITS,
     BlueRov2,
     flu_to_frd,
     saturated,
@@ -96,12 +95,12 @@ def test_the_top_speed_is_where_the_greatest_thrust_meets_the_drag():
     force = 4 * 30.4 * np.sqrt(0.5)
     top = (-13.7 + np.sqrt(13.7**2 + 4 * 141 * force)) / (2 * 141)
     assert top == pytest.approx(0.73, abs=0.005)
-    for axis, limit in enumerate(LIMITS.speed[:3]):
+    for axis, limit in enumerate(BlueRov2.limits.speed[:3]):
         needed = BLUEROV2.damping(limit * np.eye(6)[axis])
         assert saturated(needed) == pytest.approx(needed)
     vehicle = BlueRov2(np.zeros(3))
     run(vehicle, np.array([5.0, 0, 0, 0, 0, 0]), 6)
-    assert vehicle.linear[0] == pytest.approx(LIMITS.speed[0], abs=1e-3)
+    assert vehicle.linear[0] == pytest.approx(BlueRov2.limits.speed[0], abs=1e-3)
 
 
 def test_idle_in_still_water_it_stays_and_rolled_it_rights_itself():

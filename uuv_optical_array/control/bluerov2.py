@@ -49,7 +49,6 @@ ALLOCATION: Array = np.vstack(
 )
 _TO_THRUSTERS = np.linalg.pinv(ALLOCATION)
 
-LIMITS = VehicleLimits(speed=(0.7, 0.55, 0.6, 0.25, 0.25))  # what the thrusters can hold
 STEP_S = 0.05  # longest step of integration and period of the autopilot
 LEVELLING_PER_S = 1.0  # roll rate per roll
 RATE_GAIN_PER_S, RATE_INTEGRAL_PER_S2 = 10.0, 25.0  # both poles of the rates at -5/s
@@ -82,15 +81,12 @@ class BlueRov2(Vehicle):
     has none of its own.
     """
 
+    limits = VehicleLimits(speed=(0.7, 0.55, 0.6, 0.25, 0.25))  # what the thrusters can hold
+
     def __init__(
-        self,
-        position: ArrayLike,
-        pitch: float = 0.0,
-        yaw: float = 0.0,
-        limits: VehicleLimits = LIMITS,
-        sea: Sea = STILL_SEA,
+        self, position: ArrayLike, pitch: float = 0.0, yaw: float = 0.0, sea: Sea = STILL_SEA
     ) -> None:
-        super().__init__(position, pitch, yaw, limits, sea)
+        super().__init__(position, pitch, yaw, sea)
         self._velocity: Array = np.zeros(6)  # over ground, in the body's frame
         self._turned = np.zeros(3)  # integral of the missing turn rates, FRD, rad
 

@@ -33,23 +33,19 @@ class Vehicle:
 
     The command is a velocity through the water, as of a vehicle that cannot see the ground: the sea
     carries it along. The position is that of ``base_link`` in the world, m; a positive pitch, rad,
-    lowers the bow, a positive yaw turns it to port. The default limits are those of a small
-    hovering vehicle; its sea may change at any time.
+    lowers the bow, a positive yaw turns it to port. The limits are those of a small hovering
+    vehicle; its sea may change at any time.
     """
 
+    limits = VehicleLimits()
+
     def __init__(
-        self,
-        position: ArrayLike,
-        pitch: float = 0.0,
-        yaw: float = 0.0,
-        limits: VehicleLimits = VehicleLimits(),
-        sea: Sea = STILL_SEA,
+        self, position: ArrayLike, pitch: float = 0.0, yaw: float = 0.0, sea: Sea = STILL_SEA
     ) -> None:
         self.position = np.array(position, dtype=float)
         self.pitch = float(pitch)
         self.yaw = float(yaw)
         self.roll = 0.0
-        self.limits = limits
         self.sea = sea
         self.t_s = 0.0  # on the clock of the sea
         # Through the water: surge, sway, heave, pitch rate, yaw rate.
@@ -149,7 +145,7 @@ def start_behind(
     """Return a follower at rest behind a leader and parallel to it, a little off its station.
 
     Station and offset are in the leader's frame, m, shape ``(3,)``. The follower is of the leader's
-    kind, with its limits, in its sea.
+    kind, in its sea.
     """
     position = leader.position + leader.rotation @ np.add(station_m, offset)
-    return type(leader)(position, leader.pitch, leader.yaw, leader.limits, leader.sea)
+    return type(leader)(position, leader.pitch, leader.yaw, leader.sea)

@@ -1,7 +1,7 @@
 """One frame of ``least_squares``: from readings and their signature to pose and covariance.
 
 Starts from the rows of a table that look alike, the minima that they lead to, the integral of the
-posterior about each: all in one call, which compiled code does not leave.
+posterior about the best: all in one call, which compiled code does not leave.
 """
 
 from typing import Any, NamedTuple

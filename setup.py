@@ -7,7 +7,7 @@ package_name = "uuv_optical_array"
 share = f"share/{package_name}"
 NODES = ["simulator", "feature", "estimator", "formation", "follower", "vehicles", "view"]
 CLUSTER = ["dask", "distributed", "zarr>=2.18"]
-BAGS = ["rosbags>=0.10", "lz4", "zstandard"]
+BAGS = ["rosbags>=0.10", "mcap>=1.2"]
 HARDWARE = ["cobs", "pyserial"]
 VIEW = ["viser>=1.1"]
 
@@ -72,7 +72,7 @@ setup(
         "fast": ["numba"],
         # Large signature tables on disk, written by threads or a cluster.
         "cluster": CLUSTER,
-        # Reading recorded bags, for uuv_array calibrate; rosdep has no keys for the last two.
+        # Recorded bags.
         "bags": BAGS,
         # An array on a serial line or a socket, as examples/serial_array_node.py reads it.
         "hardware": HARDWARE,

@@ -87,14 +87,12 @@ def copy_mcap(path: Path, target: Path) -> None:
 
 
 def _whole_records(source: BinaryIO, size: int) -> Iterator[Any]:
-    """Yield the whole records of an MCAP file up to the summary, with those in chunks."""
+    """Yield the whole records of an MCAP file, with those in chunks."""
     mcap, place = needs("bags", "mcap.stream_reader"), len(MAGIC)
     with _until_cut():
-        whole = mcap.StreamReader(_Whole(source), emit_chunks=True, record_size_limit=size)
-        for record in whole.records:
+        reader = mcap.StreamReader(source, emit_chunks=True, record_size_limit=size)
+        for record in reader.records:
             place = source.tell()
-            if isinstance(record, mcap.DataEnd):
-                return
             yield from _in_chunk(record) if isinstance(record, mcap.Chunk) else [record]
     source.seek(place)
     with _until_cut():
@@ -112,20 +110,9 @@ def _in_chunk(chunk: Any, whole: bool = True) -> Iterator[Any]:
     except mcap.CRCValidationError:
         raise ValueError("a chunk is not as it was written; copy the bag again") from None
     with _until_cut():
-        yield from mcap.StreamReader(_Whole(stream), skip_magic=True).records
+        yield from mcap.StreamReader(stream, skip_magic=True).records
 
 
 def _until_cut() -> suppress:
     """Let a block end where a record is longer than what is left."""
     return suppress(needs("bags", "mcap.exceptions").McapError, struct.error)
-
-
-class _Whole:
-    """A stream that ends where not all that is asked for is there."""
-
-    def __init__(self, stream: Any) -> None:
-        self._stream = stream
-
-    def read(self, length: int) -> bytes:
-        data: bytes = self._stream.read(length)
-        return data if len(data) == length else b""  # which readers take for the end

@@ -37,7 +37,6 @@ FORMAT = 3
 BLOCK_ROWS = 16 * BLOCK_POSES  # 2.6 MB, a fraction of a second of work
 WAIT_S = 30.0
 RETRIES = 2  # of a block whose worker lives and fails, as a shared disk may
-AGREES = 1e-6  # relative; processors and versions of NumPy differ by less
 # What Zarr raises for a damaged block depends on its version and on the damage.
 DAMAGE = OSError, ValueError, RuntimeError, TypeError
 
@@ -117,9 +116,8 @@ def _open(path: Path, scene: Scene) -> Any:
         if about["format"] != FORMAT:
             raise ValueError(f"format {about['format']}, this version reads {FORMAT}")
         theirs = scene_from_settings(about["scene"], about["name"])
-        layout = array.shape[1:], array.chunks[1:], array.fill_value, array.dtype
-        rows = grid_rows(grid_axes(theirs.table))
-        if (array.shape[0], *layout) != (rows, (5,), (5,), 0.0, np.dtype("<f8")):
+        layout = array.shape, array.chunks[1:], array.fill_value, array.dtype
+        if layout != ((grid_rows(grid_axes(theirs.table)), 5), (5,), 0.0, np.dtype("<f8")):
             raise ValueError("its header is damaged")
     except Exception as error:  # of many kinds, where there is no array or its header is damaged
         raise ValueError(
@@ -141,36 +139,25 @@ def fill(block: int, path: Path, scene: Scene) -> int:
     """
     if not (path / ".zarray").is_file():
         raise ValueError(f"table {path}: not seen by every worker; name a folder that all share")
-    array, model = needs("cluster", "zarr").open_array(str(path), mode="r+"), ForwardModel(scene)
+    array = needs("cluster", "zarr").open_array(str(path), mode="r+")
     try:
-        parameters = _read(array, block, model)
+        parameters = _read(array, block)
     except DAMAGE:
-        rows = _rows(array, block)
-        parameters = grid_parameters(model, rows)
+        start, size = block * array.chunks[0], array.chunks[0]
+        rows = range(array.shape[0])[start : start + size]
+        parameters = grid_parameters(ForwardModel(scene), rows)
         with files.naming(path):
             # The last block is less than a whole one, and Zarr reads what is there of it first.
             (path / f"{block}.0").unlink(missing_ok=True)
-            array[rows.start : rows.stop] = parameters
+            array.blocks[block] = parameters
     return len(lit_rows(parameters))
 
 
-def _rows(array: Any, block: int) -> range:
-    """Return the rows of a block."""
-    return range(array.shape[0])[block * array.chunks[0] :][: array.chunks[0]]
-
-
-def _read(array: Any, block: int, model: ForwardModel) -> Array:
-    """Read the key parameters of a block; one of `DAMAGE` where it is missing or not its own."""
-    rows = _rows(array, block)
-    parameters: Array = array[rows.start : rows.stop]
+def _read(array: Any, block: int) -> Array:
+    """Read the key parameters of a block; one of `DAMAGE` where it is missing or damaged."""
+    parameters: Array = array.blocks[block]
     if (parameters[:, 0] == 0).any():
         raise ValueError("missing")
-    # A row is computed again, so that no block of another place or another law passes. Its peak
-    # alone is compared, because the skewness of equal readings depends on their rounding.
-    row = int(np.argmax(~np.isnan(parameters[:, 0])))
-    stored, computed = parameters[row, 0], grid_parameters(model, rows[row : row + 1])[0, 0]
-    if not np.isclose(stored, computed, AGREES, equal_nan=True):
-        raise ValueError(f"peak {stored:g} in row {rows[row]}, the scene has {computed:g}")
     return parameters
 
 
@@ -196,7 +183,7 @@ def load_table(path: str | Path, scene: Scene) -> SignatureTable:
         large for this machine.
     """
     path = files.user_path(path).absolute()
-    array, model = _open(path, scene), ForwardModel(scene)
+    array = _open(path, scene)
     if array.nchunks_initialized < array.nchunks:
         raise ValueError(
             f"table {path}: {array.nchunks_initialized} of {array.nchunks} blocks are there; "
@@ -205,14 +192,14 @@ def load_table(path: str | Path, scene: Scene) -> SignatureTable:
     lit, parameters, count = [], [], 0
     for block in range(array.nchunks):
         try:
-            values = _read(array, block, model)
+            values = _read(array, block)
         except DAMAGE as error:
             raise ValueError(
                 f"table {path}: block {block}.0 is damaged ({_line(error)}); "
                 "run the same uuv_array table again to mend it"
             ) from None
         rows = lit_rows(values)
-        lit.append(rows + _rows(array, block).start)
+        lit.append(rows + block * array.chunks[0])
         parameters.append(values[rows])
         count += len(rows)
         check_memory(count, f"table {path}")

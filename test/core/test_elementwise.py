@@ -1,8 +1,6 @@
 """What serves numbers and arrays alike: each helper in NumPy, and the same source compiled."""
 
 import os
-from collections import namedtuple
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -11,10 +9,9 @@ from needs import numba
 from scipy.special import erfcx, log_ndtr
 
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import unowned, workspace, zeros
+from uuv_optical_array.core.numerics.elementwise import workspace, zeros
 
 both = pytest.mark.parametrize("fast", [False, pytest.param(True, marks=numba)], ids=str)
-Pair = namedtuple("Pair", ["value", "vector"])
 
 
 def as_given(function, fast):
@@ -50,26 +47,6 @@ def test_arrays_small_or_large_are_their_own(fast):
     call = as_given(sums_of_arrays, fast)
     for count in (0, 1, 600, 100_000, 1, 0):
         assert call(count) == (3 * count, 6 * count, 0)
-
-
-class Nested(NamedTuple):
-    pair: Pair
-    rows: np.ndarray
-
-
-def doubled(nested):
-    mine = unowned(nested)
-    mine.rows[0] *= 2
-    return mine.pair.value + mine.pair.vector.sum() + mine.rows.sum()
-
-
-@both
-def test_unowned_arrays_are_the_same_and_outlive_the_call(fast):
-    rows, call = np.ones((2, 3)), as_given(doubled, fast)
-    nested = Nested(Pair(1.0, np.array([5.0, 6.0])), rows)
-    for twice in (9, 15, 27):
-        assert call(nested) == 12 + twice
-    np.testing.assert_array_equal(rows, [[8.0] * 3, [1.0] * 3])
 
 
 def spaced(low, high, count=20_000):

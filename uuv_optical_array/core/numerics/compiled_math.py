@@ -9,11 +9,7 @@ import math
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.core import cgutils
-from numba.extending import intrinsic
-from numba.np import arrayobj
+from numba import njit
 from scipy import special
 
 from uuv_optical_array.core.numerics import elementwise
@@ -44,7 +40,6 @@ PI_HIGH, PI_LOW = 3.1415926534682512, 1.2154201013012384e-10
 SMALLEST = -708.0  # logarithm of the smallest number that is not subnormal, nearly
 ROUND = 1.5 * 2.0**52  # added to a number it leaves the nearest whole one in the last bits
 ASYMPTOTIC = 25.0  # from here a series of the scaled complementary error function is exact
-MOST_ON_STACK = 16384  # bytes
 
 inlined = njit(forceinline=True, error_model="numpy", fastmath={"contract"})
 
@@ -196,82 +191,17 @@ def beside(own, i, image):
             image[row, i * n + j] = own[row, j]
 
 
-def _without_owner(context, builder, kind, value):
-    if isinstance(kind, types.BaseTuple):
-        parts = cgutils.unpack_tuple(builder, value)
-        kept = [_without_owner(context, builder, *part) for part in zip(kind, parts, strict=True)]
-        return context.make_tuple(builder, kind, kept)
-    if isinstance(kind, types.Array):
-        array = context.make_array(kind)(context, builder, value)
-        array.meminfo = cgutils.get_null_value(array.meminfo.type)
-        return array._getvalue()
-    return value
+@inlined
+def workspace(rows, component, count):
+    """As `elementwise.workspace`, of one pose."""
+    return np.empty((rows, count))
 
 
-def _unowned(_typing, values):
-    def generate(context, builder, signature, arguments):
-        return _without_owner(context, builder, signature.args[0], arguments[0])
+@inlined
+def zeros(rows, columns, component):
+    """As `elementwise.zeros`, of one pose."""
+    return np.zeros((rows, columns))
 
-    return values(values), generate
-
-
-unowned: Any = intrinsic(_unowned)
-
-MATRIX = types.Array(types.float64, 2, "C")
-
-
-def _on_stack(context, builder, signature, arguments, lengths):
-    """Return a matrix that nobody has to free, unless it is large, and the bytes it takes.
-
-    Its lengths are the arguments at two places.
-    """
-    shape = tuple(
-        context.cast(builder, arguments[i], signature.args[i], types.intp) for i in lengths
-    )
-    word = context.get_value_type(types.intp)
-    eight = word(8)
-    size = builder.mul(builder.mul(*shape), eight)
-    small = builder.icmp_unsigned("<=", size, word(MOST_ON_STACK))
-    place = builder.alloca(ir.IntType(8), builder.select(small, size, word(0)))
-    place.align = 64
-    with builder.if_else(small) as (then, otherwise):
-        with then:
-            here, nothing = builder.block, cgutils.get_null_value(cgutils.voidptr_t)
-        with otherwise:
-            owner = context.nrt.meminfo_alloc_aligned(builder, size, ir.IntType(32)(64))
-            data = context.nrt.meminfo_data(builder, owner)
-            there = builder.block
-    meminfo, start = builder.phi(cgutils.voidptr_t), builder.phi(cgutils.voidptr_t)
-    for value, incoming in ((meminfo, (nothing, owner)), (start, (place, data))):
-        value.add_incoming(incoming[0], here)
-        value.add_incoming(incoming[1], there)
-    matrix = context.make_array(MATRIX)(context, builder)
-    arrayobj.populate_array(
-        matrix,
-        data=builder.bitcast(start, ir.DoubleType().as_pointer()),
-        shape=shape,
-        strides=(builder.mul(shape[1], eight), eight),
-        itemsize=eight,
-        meminfo=meminfo,
-    )
-    return matrix, size
-
-
-def _matrix(lengths, cleared):
-    def typed(_typing, first, second, third):
-        def generate(context, builder, signature, arguments):
-            matrix, size = _on_stack(context, builder, signature, arguments, lengths)
-            if cleared:
-                cgutils.memset(builder, matrix.data, size, 0)
-            return matrix._getvalue()
-
-        return MATRIX(first, second, third), generate
-
-    return intrinsic(typed)
-
-
-workspace: Any = _matrix((0, 2), cleared=False)  # rows, component, count
-zeros: Any = _matrix((0, 1), cleared=True)  # rows, columns, component
 
 REPLACED: dict[Any, Any] = {
     elementwise.indices: range,
@@ -286,7 +216,6 @@ REPLACED: dict[Any, Any] = {
     elementwise.zeros: zeros,
     elementwise.sandwich: sandwich,
     elementwise.beside: beside,
-    elementwise.unowned: unowned,
     np.maximum: larger,
     np.minimum: smaller,
     np.exp: exponential,

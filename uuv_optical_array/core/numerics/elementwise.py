@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 Law = TypeVar("Law", bound=Callable[..., Any])
-Arrays = TypeVar("Arrays")
 
 
 def law(function: Law) -> Law:
@@ -54,10 +53,7 @@ def total(values: Any) -> Any:
 
 
 def workspace(rows: int, component: Any, count: int) -> Any:
-    """Return an empty array of rows of `count` readings, for each pose of a component or row.
-
-    It must not be returned: in compiled code it lies on the stack of the function that calls.
-    """
+    """Return an empty array of rows of `count` readings, for each pose of a component or row."""
     return np.empty((rows, *np.shape(component)[:-1], count))
 
 
@@ -67,7 +63,7 @@ def stack(*components: Any) -> Any:
 
 
 def zeros(rows: int, columns: int, component: Any) -> Any:
-    """Return a matrix of zeros for each pose of a component; a `workspace`, too."""
+    """Return a matrix of zeros for each pose of a component."""
     return np.zeros((rows, columns, *np.shape(component)))
 
 
@@ -83,14 +79,6 @@ def beside(own: Any, i: int, image: Any) -> None:
     """Write the i-th of several images of one size, side by side on the last axis."""
     n = own.shape[-1]
     image[..., i * n : (i + 1) * n] = own
-
-
-def unowned(values: Arrays) -> Arrays:
-    """Return the same arrays, in named tuples too, without reference counting in compiled code.
-
-    The caller keeps them alive, and none of them may be returned.
-    """
-    return values
 
 
 def at_place(rows: Any, place: Any, index: Any) -> Any:

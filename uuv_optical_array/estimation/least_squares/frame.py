@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.numerics.elementwise import unowned
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.least_squares.faults import leave_out
 from uuv_optical_array.estimation.least_squares.posterior import (
@@ -269,7 +268,6 @@ def estimate_frame(problem: Problem, guide: Guide, most_faulty: int) -> FrameRes
     - most_faulty: how many detectors may be faulty, whose readings and weights are written; where
       none is found there is no estimate. 0: none is looked for.
     """
-    problem, guide = unowned(problem), unowned(guide)
     nothing: Any = np.full(5, np.nan)
     covariance: Any = np.full((5, 5), np.nan)
     at = np.full(5 + len(problem.nuisance_mean), np.nan)

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array
-from uuv_optical_array.core.numerics.elementwise import law, unowned, zeros
+from uuv_optical_array.core.numerics.elementwise import law, zeros
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
@@ -405,7 +405,6 @@ def integrate(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMo
 
     The weight is -inf where the image leaves no finite posterior.
     """
-    lattice = unowned(lattice)
     write_node(problem, minimum, lattice, MINIMUM)
     if not np.isfinite(lattice.logs[0]):
         return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)

@@ -128,9 +128,9 @@ def kept(tmp_path_factory):
 
 
 def copied(kept, cache):
-    """Return a copy's code, index and sums."""
+    """Return a copy's code and index."""
     shutil.copytree(kept, cache, dirs_exist_ok=True)
-    return *sorted(cache.glob("compiled/*/*/*")), *cache.glob("compiled/*/SHA256SUMS")
+    return sorted(cache.glob("compiled/*/*/*"))
 
 
 def left(cache):
@@ -148,17 +148,17 @@ def damage(path, bit):
 
 
 def test_damaged_code_is_compiled_anew_and_not_run(kept, tmp_path):
-    code, index, sums = copied(kept, tmp_path)
+    code, index = copied(kept, tmp_path)
     assert printed(LOAD, tmp_path) == "0 (1.0, 2.0)"
-    for path in (sums.parents[1], sums.parent, code.parent, code, index):
+    for path in (*list(code.parents)[:3], code, index):
         assert path.stat().st_mode & 0o077 == 0, path
     damage(code, 8 * (code.stat().st_size // 2))
     assert printed(LOAD, tmp_path) == "1 (1.0, 2.0)"
-    sums.parent.chmod(0o777)
+    code.parents[1].chmod(0o777)
     assert left(tmp_path) == set()
 
 
-@given(st.integers(0, 2), st.integers(0, 2**20))
+@given(st.integers(0, 1), st.integers(0, 2**20))
 @settings(max_examples=60)
 def test_of_any_flipped_bit_only_its_file_is_dropped_and_nothing_passes_as_done(
     kept, tmp_path_factory, which, bit
@@ -168,15 +168,13 @@ def test_of_any_flipped_bit_only_its_file_is_dropped_and_nothing_passes_as_done(
     every = {paths[0].name, paths[1].name, "fit.done"}
     damage(paths[which], bit)
     found = left(cache)
-    if which < 2:
-        assert every - found == {paths[which].name, "fit.done"}
-    assert ("fit.done" in found) == (found == every)
+    assert every - found == {paths[which].name, "fit.done"}
     assert left(cache) == found  # at the next start nothing more
 
 
-@pytest.mark.parametrize("how", ["left over", "others may write", "another's", "no sums", "gone"])
+@pytest.mark.parametrize("how", ["left over", "others may write", "another's", "gone"])
 def test_what_this_user_did_not_keep_is_dropped(kept, tmp_path, how):
-    code, index, sums = copied(kept, tmp_path)
+    code, index = copied(kept, tmp_path)
     if how == "left over":
         code = code.with_name("code of a process that was killed.nbc")
         code.write_bytes(b"")
@@ -187,25 +185,8 @@ def test_what_this_user_did_not_keep_is_dropped(kept, tmp_path, how):
             pytest.skip("only root can give a file away")
         os.chown(code, 12345, -1)
     else:
-        (sums if how == "no sums" else code).unlink()
+        code.unlink()
     found = left(tmp_path)
     assert not found & {code.name, "fit.done"}
-    assert (index.name in found) == (how != "no sums")
+    assert index.name in found
     assert left(tmp_path) == found
-
-
-NOTE = """
-import sys
-from pathlib import Path
-from uuv_optical_array.core.numerics import compilation
-print("ready", flush=True)
-sys.stdin.readline()
-for i in range(50):
-    with compilation._alone_with(Path(sys.argv[1])) as sums:
-        sums[f"{sys.argv[2]}{i}"] = "0"
-"""
-
-
-def test_two_processes_note_all_sums(tmp_path):
-    at_once(NOTE, [(str(tmp_path), name) for name in "xy"])
-    assert len((tmp_path / "SHA256SUMS").read_text().splitlines()) == 100

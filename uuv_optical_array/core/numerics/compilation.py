@@ -12,6 +12,7 @@ import hashlib
 import importlib
 import importlib.metadata
 import importlib.util
+import io
 import os
 import shutil
 import sys
@@ -123,7 +124,7 @@ def _names(code: CodeType) -> set[str]:
 
 @contextlib.contextmanager
 def _kept_on_disk(numba: Any) -> Iterator[bool]:
-    """Let Numba keep what it compiles in `cache_folder`, with its sums; yield whether it can.
+    """Let Numba keep what it compiles in `cache_folder`, with sums; yield whether it can.
 
     Numba itself looks at the file of the function alone, not at those that it calls, and loads what
     it finds unchecked.
@@ -133,7 +134,7 @@ def _kept_on_disk(numba: Any) -> Iterator[bool]:
         before = config.CACHE_DIR, caching.IndexDataCacheFile
         try:
             if folder is not None:
-                config.CACHE_DIR, caching.IndexDataCacheFile = str(folder), _summed(folder)
+                config.CACHE_DIR, caching.IndexDataCacheFile = str(folder), _summed()
             yield folder is not None
         finally:
             config.CACHE_DIR, caching.IndexDataCacheFile = before
@@ -143,57 +144,42 @@ _SETTING = threading.RLock()
 
 
 @cache
-def _summed(folder: Path) -> Any:
-    """Return Numba's class of a function's files, which notes the sums of what it writes."""
+def _summed() -> Any:
+    """Return Numba's class of a function's files, each of which ends with the sum of the rest."""
 
     class Summed(_numba().core.caching.IndexDataCacheFile):  # type: ignore[misc]  # untyped
-        def save(self, key: Any, data: Any) -> None:
-            with _alone_with(folder) as sums:
-                # A file is replaced by another, never written to.
-                before = {path.stat().st_ino for path in folder.glob("*/*")}
-                super().save(key, data)
-                for path in folder.glob("*/*"):
-                    if path.stat().st_ino not in before:
-                        path.parent.chmod(0o700)
-                        path.chmod(0o600)
-                        sums[f"{path.relative_to(folder)}"] = _sum(path)
+        @contextlib.contextmanager
+        def _open_for_write(self, path: str) -> Iterator[io.BytesIO]:
+            with super()._open_for_write(path) as file:
+                os.chmod(os.path.dirname(path), 0o700)
+                os.fchmod(file.fileno(), 0o600)
+                content = io.BytesIO()
+                yield content
+                file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
 
     return Summed
 
 
 def _drop_unsound(folder: Path) -> None:
     """Remove what is not as it was written, or not this user's; nothing passes as done then."""
-    with _alone_with(folder) as sums:
-        found = {f"{path.relative_to(folder)}": _sum(path) for path in folder.glob("*/*")}
-        sound = dict(found.items() & sums.items())
-        if found != sums:
-            for path in (*map(folder.joinpath, found.keys() - sound), *folder.glob(f"*{DONE}")):
-                path.unlink(missing_ok=True)
-            sums.clear()
-            sums.update(sound)
+    for path in folder.glob("*/*.nb[ci]"):
+        if not _sound(path):
+            path.unlink(missing_ok=True)
+    # A folder changes with what is removed from it and what is added.
+    inner = (path.stat() for path in folder.iterdir() if path.is_dir())
+    changed = max((status.st_mtime_ns for status in inner), default=0)
+    for path in folder.glob(f"*{DONE}"):
+        if path.stat().st_mtime_ns < changed:
+            path.unlink(missing_ok=True)
 
 
-@contextlib.contextmanager
-def _alone_with(folder: Path) -> Iterator[dict[str, str]]:
-    """Keep other processes from checking and writing; yield the sums by name, which are kept."""
-    kept = folder / "SHA256SUMS"
-    with (folder / "writing").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        lines = kept.read_text(errors="replace").splitlines() if _sum(kept) else []
-        sums = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
-        before = dict(sums)
-        yield sums
-        if sums != before:
-            files.write_text(kept, "".join(f"{sums[name]}  {name}\n" for name in sorted(sums)))
-            kept.chmod(0o600)
-
-
-def _sum(path: Path) -> str:
-    """Return the SHA-256 of a file; empty for what is none that this user alone can write."""
+def _sound(path: Path) -> bool:
+    """Say whether a file is as it was written by this user, and others cannot write it."""
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest() if _own(path.lstat()) else ""
+        data = path.read_bytes()
+        return _own(path.lstat()) and hashlib.sha256(data[:-32]).digest() == data[-32:]
     except OSError:
-        return ""
+        return False
 
 
 def _own(status: os.stat_result) -> bool:

@@ -18,7 +18,7 @@ that the model is wrong, no scene is written; the exit code is 1.
 The table has the columns image (from 0 on) or time_s (after the first image); x_m, y_m, z_m,
 pitch_deg, yaw_deg of base_link in beacon; x_std_m, y_std_m, z_std_m, pitch_std_deg, yaw_std_deg;
 and perhaps last_image or until_s, whose images share a place and its error, and roll_deg.
-Needs rosbags, lz4 and zstandard (pip install rosbags lz4 zstandard), but no ROS.
+Needs rosbags and mcap (pip install rosbags mcap), but no ROS.
 """
 
 import argparse

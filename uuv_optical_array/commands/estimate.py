@@ -11,8 +11,8 @@ by its files, and a truncated file as far as it is whole.
   uuv_array estimate sea --scene sea.yaml -o again      by another scene
   uuv_array estimate sea --method sam --track           by another method, and filtered
   evo_ape tum sea_estimates/truth.tum sea_estimates/relative_pose.tum
-Ctrl-C ends it early and writes what there is. Needs rosbags, lz4 and zstandard (pip install rosbags
-lz4 zstandard), but no ROS.
+Ctrl-C ends it early and writes what there is. Needs rosbags and mcap (pip install
+rosbags mcap), but no ROS.
 """
 
 import argparse

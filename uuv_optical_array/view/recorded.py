@@ -1,9 +1,9 @@
 """The page on a recorded bag: its images estimated again, and a time line through them."""
 
-import threading
 import time
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
+from queue import Empty, SimpleQueue
 
 import numpy as np
 
@@ -31,36 +31,30 @@ class Player:
 
     def __init__(self, times_s: list[float], clock: Callable[[], float] = time.monotonic) -> None:
         self._times, self._clock = times_s, clock
-        self._lock = threading.Condition()
-        self._at, self._runs, self._moved = 0, True, True
-        self._due = self._clock()
+        self._chosen: SimpleQueue[tuple[int, bool]] = SimpleQueue()
+        self._at, self._runs, self._due = 0, True, clock()
+        self.choose(0.0, True)
 
     def choose(self, t_s: float, runs: bool) -> None:
         """Go to a time, s, and let time run on or not; from any thread."""
-        with self._lock:
-            self._at = max(bisect_right(self._times, t_s + 1e-6) - 1, 0)
-            self._runs, self._moved = runs, True
-            self._lock.notify()
+        self._chosen.put((max(bisect_right(self._times, t_s + 1e-6) - 1, 0), runs))
 
     def next(self) -> tuple[int, bool]:
         """Wait for the next image to show; return its number, and whether `choose` named it."""
-        with self._lock:
-            while not self._moved:
-                if self._runs and self._at < len(self._times) - 1:
-                    self._wait()
-                    break
-                self._lock.wait(1.0)  # Ctrl-C is served between two waits
-                self._due = self._clock()
-            chosen, self._moved = self._moved, False
-            self._at += not chosen
-            return self._at, chosen
-
-    def _wait(self) -> None:
-        """Wait until the next image is due, or until a time is chosen."""
-        gap_s = self._times[self._at + 1] - self._times[self._at]
-        self._due = max(self._due + min(gap_s, LONGEST_WAIT_S), self._clock())
-        while not self._moved and (left_s := self._due - self._clock()) > 0:
-            self._lock.wait(left_s)
+        wait_s = None  # for a choice
+        if self._runs and self._at < len(self._times) - 1:
+            gap_s, now = self._times[self._at + 1] - self._times[self._at], self._clock()
+            self._due = max(self._due + min(gap_s, LONGEST_WAIT_S), now)
+            wait_s = self._due - now
+        try:
+            self._at, self._runs = self._chosen.get(timeout=wait_s)
+        except Empty:
+            self._at += 1
+            return self._at, False
+        while not self._chosen.empty():  # the last counts
+            self._at, self._runs = self._chosen.get()
+        self._due = self._clock()
+        return self._at, True
 
 
 def play(

@@ -27,17 +27,24 @@ def bare(tmp_path_factory):
 
 
 def first(estimator, **changes):
-    """Return the first moment under conditions that differ from the scene's."""
+    """Return the first sight under conditions that differ from the scene's."""
     loop = ClosedLoop(estimator, np.random.default_rng(1))
     loop.change(replace(loop.conditions, **changes))
     return loop.step(0.1)
 
 
+def places_of(seen):
+    """Return where the follower is over ground."""
+    return [sight.leader[0] + sight.leader[1] @ sight.true_pose[:3] for sight in seen]
+
+
 def test_water_dims_each_ray_by_its_length(bare):
     clear, murky = first(bare), first(bare, k_per_m=0.3)
-    np.testing.assert_allclose(clear.image, ForwardModel(bare.scene).light(clear.pose), rtol=1e-12)
-    turn = rotation_matrix(*clear.pose[3:])
-    places = clear.pose[:3] + build_array(bare.scene.array).positions @ turn.T
+    np.testing.assert_allclose(
+        clear.image, ForwardModel(bare.scene).light(clear.true_pose), rtol=1e-12
+    )
+    turn = rotation_matrix(*clear.true_pose[3:])
+    places = clear.true_pose[:3] + build_array(bare.scene.array).positions @ turn.T
     passed = np.exp(-0.2 * np.linalg.norm(places, axis=1))
     np.testing.assert_allclose(murky.image.ravel(), clear.image.ravel() * passed, rtol=1e-12)
 
@@ -91,21 +98,20 @@ def test_once_there_is_light_the_follower_reaches_its_station_in_any_sea(table):
     sea = replace(loop.conditions, current_m_per_s=(0.0, 0.2, 0.0), station_m=station, k_per_m=0.1)
     loop.change(replace(sea, lamp_power=[0.0]))
     dark = [loop.step(0.2) for _ in range(3)]
-    assert not any(moment.leads or moment.leader_position.any() for moment in dark)
-    assert dark[-1].frame.reason.startswith("no light")
-    np.testing.assert_array_equal(dark[-1].pose, dark[0].pose)  # no current, either
+    assert not any(sight.leader[0].any() for sight in dark)
+    assert dark[-1].note.startswith("no light")
+    np.testing.assert_array_equal(dark[-1].true_pose, dark[0].true_pose)  # no current, either
     loop.change(sea)
-    moments = [loop.step(0.2) for _ in range(130)]
-    off = np.array([moment.pose[:3] for moment in moments[-10:]]) - station
+    seen = [loop.step(0.2) for _ in range(130)]
+    off = np.array([sight.true_pose[:3] for sight in seen[-10:]]) - station
     assert np.linalg.norm(off, axis=1).max() < 0.4
     # Over ground: 0.5 m/s for 26 s, less the start.
-    assert moments[-1].leader_position[0] > 10
-    assert all(moment.leads and moment.frame.track is not None for moment in moments)
+    assert seen[-1].leader[0][0] > 10
+    assert all(sight.pose is not None and not sight.note for sight in seen)
     # Without light it stops, and the current carries it.
     loop.change(replace(sea, lamp_power=[0.0]))
     dark = [loop.step(0.2) for _ in range(100)][-5:]
-    places = [m.leader_position + m.leader_rotation @ m.pose[:3] for m in dark]
-    np.testing.assert_allclose(np.diff(places, axis=0), [[0.0, 0.04, 0.0]] * 4, atol=1e-3)
+    np.testing.assert_allclose(np.diff(places_of(dark), axis=0), [[0.0, 0.04, 0.0]] * 4, atol=1e-3)
 
 
 def test_a_follower_whose_array_is_not_the_scenes_stops_and_says_why():
@@ -114,10 +120,10 @@ def test_a_follower_whose_array_is_not_the_scenes_stops_and_says_why():
     settings["effects"]["field_of_view"] = {"cosine_power": 2.0}  # the scene's detectors have 1
     loop = ClosedLoop(Estimator(scene).wait(), np.random.default_rng(1))
     loop._model = ForwardModel(scene_from_settings(settings, "narrow"))
-    moments = [loop.step(0.1) for _ in range(90)]
-    said = [moment.frame.reason for moment in moments if moment.frame.track]
-    assert said[-1].startswith("too uncertain: the range of")
-    assert any(moment.frame.track and moment.frame.track.mismatch for moment in moments[-5:])
-    steps = np.diff([m.leader_position + m.leader_rotation @ m.pose[:3] for m in moments], axis=0)
+    seen = [loop.step(0.1) for _ in range(90)]
+    said = [sight.note for sight in seen if sight.pose is not None]
+    assert said[-1].startswith("refused: too uncertain: the range of")
+    assert loop.frames.track().mismatch
+    steps = np.diff(places_of(seen), axis=0)
     assert np.linalg.norm(steps, axis=1).max() > 0.02  # it went, and stands
     assert np.linalg.norm(steps[-1]) < 1e-3

@@ -4,7 +4,7 @@ The sea may differ from the scene that the estimator believes, and change while 
 """
 
 import dataclasses
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -15,10 +15,11 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.settings import Numbers, Place, Quantity, check
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.pipeline import Answer, Pipeline
+from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import LAMP_POWER, power_offsets
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
+from uuv_optical_array.view.sight import Sight, note_on, sight_of
 
 CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has none
 
@@ -51,18 +52,6 @@ class Conditions:
         return cls(scene.attenuation[1], (1.0,) * scene.lamp_count, plume_depth)
 
 
-class Moment(NamedTuple):
-    """One step of the loop; the lamp is at the leader's origin."""
-
-    t_s: float  # since the start
-    leader_position: Array  # in the world, m, (3,)
-    leader_rotation: Array  # (3, 3)
-    pose: Array  # true pose of the follower in `beacon`, m and rad, (5,)
-    image: Array  # readings of the array, counts, (side, side)
-    frame: Answer  # the result of the image
-    leads: bool  # whether the leader has set off
-
-
 class ClosedLoop:
     """A leader on its path, and a follower that keeps station by its light alone.
 
@@ -92,8 +81,11 @@ class ClosedLoop:
         self._controller.configure(FormationSettings(station_m=conditions.station_m))
         self.conditions = conditions
 
-    def step(self, dt: float) -> Moment:
-        """Advance by `dt`, s, > 0; take an image, and command by it."""
+    def step(self, dt: float) -> Sight:
+        """Advance by `dt`, s, > 0; take an image, command by it, and return what there is to see.
+
+        The lamp is at the leader's origin.
+        """
         if self._path_s is not None:
             # The current acts once the vehicles move.
             self._leader.sea = self._follower.sea = Sea(self.conditions.current_m_per_s)
@@ -116,7 +108,9 @@ class ClosedLoop:
             self.frames.command(round(self.t_s * 1e9), *command)
             if self._path_s is None:
                 self._path_s = 0.0
-        return Moment(self.t_s, at, turn, pose, image, frame, self._path_s is not None)
+        waits = "the leader waits for its follower to see it" if self._path_s is None else ""
+        words = {"note": note_on(frame) or waits, "station_m": self.conditions.station_m}
+        return sight_of(frame, self.t_s, image, pose, leader=(at, turn), **words)
 
 
 def _sea(scene: Scene, conditions: Conditions) -> tuple[ForwardModel, dict[str, Any]]:

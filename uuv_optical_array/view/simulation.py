@@ -8,7 +8,6 @@ import numpy as np
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.view.closed_loop import ClosedLoop, Conditions
 from uuv_optical_array.view.page import Page, Slider
-from uuv_optical_array.view.sight import note_on, sight_of
 
 STEP_S = 0.1
 
@@ -70,11 +69,7 @@ def simulate(
             restart = False
         if conditions is not loop.conditions:
             loop.change(conditions)
-        now = loop.step(STEP_S)
-        waits = "" if now.leads else "the leader waits for its follower to see it"
-        words = {"note": note_on(now.frame) or waits, "station_m": loop.conditions.station_m}
-        leader = now.leader_position, now.leader_rotation
-        page.show(sight_of(now.frame, now.t_s, now.image, now.pose, leader=leader, **words))
+        page.show(loop.step(STEP_S))
         due += STEP_S
         late_s = time.monotonic() - due
         if late_s > 0:

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.estimation.pipeline import Answer
 from uuv_optical_array.view.browser import Browser, installed
-from uuv_optical_array.view.page import Page, Slider, known, round_range, words
+from uuv_optical_array.view.page import Page, Slider, known, words
 from uuv_optical_array.view.shapes import ellipsoid
 from uuv_optical_array.view.sight import WINDOW_S, Sight, Window, note_on
 
@@ -76,22 +76,6 @@ def test_the_ellipsoid_is_where_the_mahalanobis_distance_is_three(seed):
     in_beacon = (ball * half_axes) @ axes.T @ turn.T
     distances = np.linalg.norm(np.linalg.solve(root, in_beacon.T), axis=0)
     np.testing.assert_allclose(distances, 3, rtol=1e-9)
-
-
-@given(st.lists(st.floats(-1e4, 1e4), min_size=1), st.floats(-1e4, 1e4), st.floats(1e-2, 1e4))
-def test_a_scale_holds_its_values_and_returns_after_an_excursion(values, low, width):
-    values = np.array([*values, np.nan])
-    bounds = round_range(values, (low, low + width))
-    span = max(np.nanmax(values) - np.nanmin(values), 1e-2)
-    assert bounds[0] <= np.nanmin(values)
-    assert np.nanmax(values) <= bounds[1] <= bounds[0] + 4.001 * span
-    assert round_range(values, bounds) == bounds  # it does not flicker
-    if bounds != (low, low + width):
-        apart = bounds[1] - bounds[0]
-        steps = np.outer(10.0 ** np.arange(-4, 6), [1, 2, 5]).ravel()
-        ticks = [np.divide(bounds, step) for step in steps if apart / 3.01 < step < 1.01 * apart]
-        assert any(np.allclose(tick, np.rint(tick), rtol=1e-9, atol=1e-6) for tick in ticks)
-    assert round_range(np.array([np.nan]), bounds) == bounds
 
 
 def test_a_chart_gets_what_is_known_whole():
@@ -169,7 +153,8 @@ CHARTS = """(() => {
   const charts = Object.values((window.__viserTestpoints || {}).uplots || {});
   const shown = charts.map(c => c.chart.data.map(row => Array.from(row)));
   const scaled = charts.every(({chart: {scales: {x, y}, data}}) =>
-    Math.abs(x.max - 2.9) < 0.01 && y.min <= -0.1 == data.length > 2);
+    Math.abs(x.max - 2.9) < 0.01 && y.min <= -0.1 == data.length > 2
+    && (y.max < 20 || data.length == 2));
   const lengths = shown.map(d => d[0].length).sort();
   return lengths == "29,29,29,29,29,30" && scaled ? shown : null;
 })()"""
@@ -195,6 +180,8 @@ def test_a_browser_shows_numbers_charts_image_and_leader_and_moves_a_slider(page
     page.add_sliders("sea", sliders, lambda values: chosen.append(values))
     with Browser(page.url, (1240, 480)) as browser:
         browser.until("Object.keys((window.__viserTestpoints || {}).uplots || {}).length == 6")
+        for i in range(3):  # a run before, whose errors leave the charts and their scales
+            page.show(sight(100.0 + i, pose=np.full(5, 50.0)))
         page.show(sight(0.0, pose=None, covariance=None))
         for i in range(1, 30):
             page.show(sight(0.1 * i, note="no light: it is off"))

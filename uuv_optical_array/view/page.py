@@ -165,23 +165,27 @@ class Page:
             self._words = gui.add_html("")
             self._image = gui.add_image(np.zeros((8, 8, 3), np.uint8), label=label, format="png")
         self._what = gui.add_html(ESTIMATES)
-        self._ranges: list[tuple[float, float]] = [(0.0, 0.0)] * len(DOF_NAMES)
-        self._charts = [self._chart(dof) for dof in range(len(DOF_NAMES))]
+        values = _dots("value", "#ffffff"), _dots("-3 sigma", ESTIMATE), _dots("+3 sigma", ESTIMATE)
+        titles = [f"{name} ({unit})" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True)]
+        self._charts = [self._chart(title, *values) for title in titles]
         full = math.floor(self._scene.full_scale_counts)
-        look = _chart_style(f"light: brightest detector (of {full:g} counts)", (0.0, full))
-        series = {"label": "time (s)"}, _dots("peak", "#ffd66e")
-        self._light = gui.add_uplot(known(*np.zeros((2, 0))), series, **look)
+        light = f"light: brightest detector (of {full:g} counts)"
+        self._light = self._chart(light, _dots("peak", "#ffd66e"), y={"range": (0.0, full)})
 
-    def _chart(
-        self, dof: int, instead_of: Any = None, span: tuple[float, float] | None = None
-    ) -> Any:
-        """Return the chart of a degree of freedom, which may take the place of another."""
-        bands = _dots("-3 sigma", ESTIMATE), _dots("+3 sigma", ESTIMATE)
+    def _chart(self, title: str, *series: dict[str, Any], y: dict[str, Any] | None = None) -> Any:
+        """Return a chart of several values over time; without a range it scales itself."""
+        text = {"font": "11px sans-serif", "stroke": "#c8d4e4"}
+        small = {**text, "grid": {"stroke": "#ffffff18"}, "ticks": {"size": 4}}
         return self._server.gui.add_uplot(
-            instead_of.data if instead_of else known(*np.zeros((4, 0))),
-            ({"label": "time (s)"}, _dots("value", "#ffffff"), *bands),
-            order=instead_of.order if instead_of else None,
-            **_chart_style(f"{DOF_NAMES[dof]} ({DOF_UNITS[dof]})", span),
+            known(*np.zeros((1 + len(series), 0))),
+            ({"label": "time (s)"}, *series),
+            title=title,
+            height=CHART_PX,
+            padding=(8, 10, 0, 0),
+            scales={"x": {"time": False}, "y": y or {}},
+            legend={"show": False},
+            cursor={"show": False},
+            axes=({**small, "size": 28}, {**small, "size": 44, "space": 11}),
         )
 
     def add_sliders(
@@ -265,12 +269,6 @@ class Page:
             self._what.content = what
         for dof, chart in enumerate(self._charts):
             chart.data = known(*self._window.bands(dof))
-            # uPlot keeps the scale of what has left the chart, and loses that of time when it is
-            # given another; so another chart takes its place.
-            span = round_range(np.array(chart.data[1:]), self._ranges[dof])
-            if span != self._ranges[dof]:
-                self._ranges[dof], self._charts[dof] = span, self._chart(dof, chart, span)
-                chart.remove()
         self._light.data = known(*self._window.peaks())
 
     def _show_image(self, image: Array) -> None:
@@ -366,36 +364,6 @@ def _dots(label: str, colour: str) -> dict[str, Any]:
     """Return a series of dots: a line would bridge gaps."""
     points = {"show": True, "size": 2.5, "width": 0, "fill": colour}
     return {"label": label, "stroke": colour, "width": 0, "points": points}
-
-
-def _chart_style(title: str, y_range: tuple[float, float] | None = None) -> dict[str, Any]:
-    text = {"font": "11px sans-serif", "stroke": "#c8d4e4"}
-    small = {**text, "grid": {"stroke": "#ffffff18"}, "ticks": {"size": 4}}
-    scales: dict[str, Any] = {"x": {"time": False}}
-    if y_range is not None:
-        scales["y"] = {"range": y_range}
-    return {
-        **{"title": title, "height": CHART_PX, "padding": (8, 10, 0, 0), "scales": scales},
-        **{"legend": {"show": False}, "cursor": {"show": False}},
-        "axes": ({**small, "size": 28}, {**small, "size": 44, "space": 18}),
-    }
-
-
-def round_range(values: Array, before: tuple[float, float]) -> tuple[float, float]:
-    """Return round bounds of values, or those of before while the values fill a quarter of them.
-
-    They are at most three steps of 1, 2 or 5 apart, each of which has room for its number.
-    """
-    if np.isnan(values).all():
-        return before
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    span = max(high - low, 1e-2)
-    if before[0] <= low and high <= before[1] <= before[0] + 4 * span:
-        return before
-    decade = 10.0 ** math.floor(math.log10(span / 2))
-    step = decade * next(factor for factor in (1, 2, 5, 10) if decade * factor >= span / 2)
-    first = math.floor(low / step)
-    return step * first, step * max(math.ceil(high / step), first + 1)
 
 
 def known(t_s: Array, *values: Array) -> tuple[Array, ...]:

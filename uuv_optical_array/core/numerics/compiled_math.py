@@ -128,42 +128,6 @@ def log_normal_distribution(u):
 
 
 @inlined
-def indices_where(condition, index):
-    """As `elementwise.indices_where`: the index itself, or nothing."""
-    return range(index, index + (1 if condition else 0))
-
-
-@inlined
-def choose(condition, one, other):
-    """As `elementwise.choose`, of numbers, and as `elementwise.choose_tuple`."""
-    return one if condition else other
-
-
-@inlined
-def same(value):
-    """As `elementwise.total` and `elementwise.any_of`, of one number or condition."""
-    return value
-
-
-@inlined
-def at_place(rows, place, index):
-    """As `elementwise.at_place`."""
-    return rows[int(place), index]
-
-
-@inlined
-def larger(a, b):
-    """As `numpy.maximum`, of numbers."""
-    return a if a > b else b
-
-
-@inlined
-def smaller(a, b):
-    """As `numpy.minimum`, of numbers."""
-    return a if a < b else b
-
-
-@inlined
 def stack(*components):
     """As `elementwise.stack`, of numbers."""
     values = np.empty(len(components))
@@ -191,33 +155,24 @@ def beside(own, i, image):
             image[row, i * n + j] = own[row, j]
 
 
-@inlined
-def workspace(rows, component, count):
-    """As `elementwise.workspace`, of one pose."""
-    return np.empty((rows, count))
-
-
-@inlined
-def zeros(rows, columns, component):
-    """As `elementwise.zeros`, of one pose."""
-    return np.zeros((rows, columns))
-
-
+# Of one pose and one reading, where the originals are of many.
+one_value = inlined(lambda value: value)
+choice = inlined(lambda condition, one, other: one if condition else other)
 REPLACED: dict[Any, Any] = {
     elementwise.indices: range,
-    elementwise.indices_where: indices_where,
-    elementwise.choose: choose,
-    elementwise.choose_tuple: choose,
-    elementwise.any_of: same,
-    elementwise.total: same,
-    elementwise.at_place: at_place,
-    elementwise.workspace: workspace,
+    elementwise.indices_where: inlined(lambda condition, i: range(i, i + (1 if condition else 0))),
+    elementwise.choose: choice,
+    elementwise.choose_tuple: choice,
+    elementwise.any_of: one_value,
+    elementwise.total: one_value,
+    elementwise.at_place: inlined(lambda rows, place, i: rows[int(place), i]),
+    elementwise.workspace: inlined(lambda rows, component, count: np.empty((rows, count))),
+    elementwise.zeros: inlined(lambda rows, columns, component: np.zeros((rows, columns))),
     elementwise.stack: stack,
-    elementwise.zeros: zeros,
     elementwise.sandwich: sandwich,
     elementwise.beside: beside,
-    np.maximum: larger,
-    np.minimum: smaller,
+    np.maximum: inlined(lambda a, b: a if a > b else b),
+    np.minimum: inlined(lambda a, b: a if a < b else b),
     np.exp: exponential,
     np.expm1: exponential_less_one,
     np.log: logarithm,

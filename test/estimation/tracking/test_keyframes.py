@@ -7,12 +7,13 @@ from scipy.optimize import minimize
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import BiasSpace
 from uuv_optical_array.estimation.tracking.keyframes import (
-    CLOSE,
     EVERY_S,
+    LINEAR,
     MOST_READINGS,
     BiasFit,
     Keyframe,
 )
+from uuv_optical_array.estimation.tracking.measurement import Measurement
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.estimation.unknowns.joint_coordinates import AsTheyAre
 
@@ -38,7 +39,7 @@ class Frame:
         residuals = self.readings - self.light(at[5]) - self.by_pose @ at[:5]
         ones = np.ones(len(residuals))
         slopes = np.column_stack([self.by_pose, by_constant])
-        return LinearisedReadings(at, residuals, slopes, ones, ones, 0 * ones)
+        return LinearisedReadings(at, residuals, slopes, ones, ones)
 
     def cost(self, constant):
         """Return the squares of what is left by the best pose."""
@@ -70,20 +71,37 @@ def test_biases_are_where_all_frames_together_are_likeliest(seed, bend):
 
     best = minimize(cost, [2.5], method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-9}).x[0]
     std = np.sqrt(biases.covariance[0, 0])
-    assert biases.mean[0] == pytest.approx(best, abs=1.5 * CLOSE * std)
+    assert biases.mean[0] == pytest.approx(best, abs=LINEAR * std)
     curvature = (cost([best + 1e-4]) - 2 * cost([best]) + cost([best - 1e-4])) / 1e-8
     assert std == pytest.approx(np.sqrt(2 / curvature), rel=0.1)
 
 
-def test_no_step_is_taken_to_where_the_frames_are_unlikely():
-    class Walled(Frame):
-        def at(self, at):
-            return super().at(at)._replace(deviances=np.full(12, 1e6 * (at[5] > 0.3)))
+class Walled(Frame):
+    """Beyond a wall the readings fit much worse, which their slopes do not say."""
+
+    wall = 0.3
+
+    def at(self, at):
+        there = super().at(at)
+        beyond = 1e3 * (at[5] > self.wall) * self.by_constant
+        return there._replace(residuals=there.residuals - beyond)
+
+
+def test_no_step_is_taken_to_where_the_score_is_larger():
+    rng = np.random.default_rng(1)
+    keyframes, _ = fit_of([Walled(rng, 12, 0.7, 1e-6) for _ in range(4)])
+    assert 0 < keyframes.biases[0] <= Walled.wall / STD
+
+
+def test_a_step_no_part_of_which_fits_better_is_not_known_better():
+    class AtWall(Walled):
+        wall = 0.0
 
     rng = np.random.default_rng(1)
-    keyframes, biases = fit_of([Walled(rng, 12, 0.7, 1e-6) for _ in range(4)])
-    assert 0 < keyframes.biases[0] <= 0.3 / STD
-    assert biases.mean[0] == pytest.approx(keyframes.biases[0], rel=1e-6)
+    frames = [AtWall(rng, 12, 0.7, 1e-6) for _ in range(4)]
+    keyframes, biases = fit_of(frames)
+    assert keyframes.biases == biases.mean == 0
+    assert np.sqrt(biases.covariance[0, 0]) == pytest.approx(0.7 / STD, rel=0.1)
 
 
 def test_a_frame_is_linearised_where_the_track_expected_it_moved_with_the_biases():
@@ -124,15 +142,25 @@ def test_when_there_are_too_many_every_second_one_is_left_out():
 
 def test_frames_are_wanted_from_new_places_and_not_too_often():
     keyframes, _ = fit_of([Frame(np.random.default_rng(0), 8, 0.1, 1e-6)])
-    nearer, turned = np.array([0.11, 0, 0, 0, 0]), np.array([0, 0, 0, 0.06, 0])
+    # Errors of y and yaw that go together: across them, half as far is a new place.
+    covariance = np.diag([0.2, 0.1, 0.1, 0.05, 0.05]) ** 2
+    covariance[1, 4] = covariance[4, 1] = 0.9 * 0.1 * 0.05
+    root = np.linalg.cholesky(covariance)
+
+    def wants(keyframes, stamp_ns, pose):
+        return keyframes.want(Measurement(stamp_ns, pose, root, None, None, 0.0), pose)
+
+    apart_ns = round(EVERY_S * SECOND_NS)
     for stamp_ns, pose, wanted in (
-        (SECOND_NS, nearer, True),
-        (SECOND_NS, turned, True),
-        (SECOND_NS, 0.5 * nearer, False),
-        (SECOND_NS // 4, nearer, False),
-        (-SECOND_NS, nearer, True),  # the clock was set back
+        (apart_ns, [0.21, 0, 0, 0, 0], True),
+        (apart_ns, [0.19, 0, 0, 0, 0], False),
+        (apart_ns, [0, 0.09, 0, 0, 0.045], False),
+        (apart_ns, [0, 0.05, 0, 0, -0.025], True),
+        (apart_ns, [0, 0, 0, 0, 2 * np.pi], False),
+        (apart_ns - 1, [0.21, 0, 0, 0, 0], False),
+        (-apart_ns, [0.21, 0, 0, 0, 0], True),  # the clock was set back
     ):
-        assert keyframes.want(stamp_ns, pose) == wanted
+        assert wants(keyframes, stamp_ns, np.array(pose)) == wanted
     for names, stds in ((("lamp.power",), (STD,)), ((), ())):  # where nothing is to be learnt, none
         space = BiasSpace(Constants(names, stds), HOLD_S)
-        assert BiasFit(space, HOLD_S, AsTheyAre()).prior().want(0, nearer) == bool(names)
+        assert wants(BiasFit(space, HOLD_S, AsTheyAre()).prior(), 0, np.zeros(5)) == bool(names)

@@ -33,9 +33,7 @@ def watched(rng, seconds, beyond=lambda light, time_s: 0.0, constants=CONSTANTS)
             + beyond(light, k / 10)
             + rng.standard_normal(SIDE**2)
         )
-        frame = LinearisedReadings(
-            at, residuals, slopes, light, np.ones(SIDE**2), np.zeros(SIDE**2)
-        )
+        frame = LinearisedReadings(at, residuals, slopes, light, np.ones(SIDE**2))
         found.add(10**18 + k * 10**8, frame)
         texts.append(found.mismatch)
     return found, texts

@@ -46,9 +46,7 @@ def frames(seed, detectors, count=7, truth=None):
         light = rng.uniform(5, 30, detectors)
         residuals = slopes @ (np.concatenate([pose, biases[:2]]) - at) + light * biases[2:]
         residuals += noise * rng.standard_normal(detectors)
-        found.append(
-            LinearisedReadings(at, residuals, slopes, light, variances, np.zeros(detectors))
-        )
+        found.append(LinearisedReadings(at, residuals, slopes, light, variances))
     return stamps.tolist(), found
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
+from uuv_optical_array.estimation.tracking.correction import BROAD_SHARE
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.estimation.unknowns.constants import Constants
@@ -135,14 +136,14 @@ def test_a_lamp_that_proves_brighter_was_farther_off(range_m):
     seen = np.eye(10, 6)
     seen[0, 5] = by_power  # where the lamp is brighter, the same image is seen from farther off
     variances = np.array([0.25, 1, 1, 1, 1, *[np.inf] * 5])
-    image = LinearisedReadings(at, zeros, seen, ones, variances, zeros)
+    image = LinearisedReadings(at, zeros, seen, ones, variances)
     tracker.update(1, pose, np.diag(variances[:5]), image)
     # Half a metre nearer by its commands, the last reading tells the power.
     tracker.command(1, [0.5, 0.0, 0.0, 0.0, 0.0])
     slopes, residuals, blind = np.zeros((10, 6)), np.zeros(10), np.full(10, np.inf)
     slopes[9, 5], residuals[9], blind[9] = 1.0, brighter, 1e-9
-    told = LinearisedReadings(at, residuals, slopes, ones, blind, zeros)
-    track = tracker.update(1 + 10**9, pose + 0.5 * np.eye(5)[0], np.eye(5), told)
+    told = LinearisedReadings(at, residuals, slopes, ones, blind)
+    track = tracker.update(1 + 10**9, pose + 0.5 * np.eye(5)[0], 0.04 * np.eye(5), told)
     assert track.constants[NAMES[0]].mean == pytest.approx(brighter, rel=1e-3)
     farther = brighter * by_power
     assert track.pose[0] == pytest.approx(pose[0] + 0.5 - farther, abs=0.1 * farther)
@@ -159,7 +160,10 @@ def test_what_the_power_does_to_the_range_is_one_error_of_all_poses(range_m):
     # On the axis light goes with P exp(-K r) / r^2.
     k_per_m = constants.frame.k_per_m
     common = (std * range_m / (2 + k_per_m * range_m)) ** 2
-    assert track.covariance[0, 0] == pytest.approx(common + (0.25 - common) / count, rel=1e-3)
-    assert track.covariance[1, 1] == pytest.approx(1 / count, rel=1e-3)
+    # Of the rest, and of what the power does not change, the most is one error of all poses, too.
+    white = 1 - BROAD_SHARE
+    along = common + white * (0.25 - common) / count + BROAD_SHARE * 0.25
+    assert track.covariance[0, 0] == pytest.approx(along, rel=1e-3)
+    assert track.covariance[1, 1] == pytest.approx(white / count + BROAD_SHARE, rel=1e-3)
     learnt = track.constants[NAMES[0]]
     assert (learnt.mean, learnt.std) == pytest.approx((0, std))

@@ -38,7 +38,6 @@ class LinearisedReadings(NamedTuple):
     - light: expected there, which a gain error multiplies, counts, shape ``(n,)``; no pedestal.
     - variances: of the readings without gain errors, counts^2, > 0, shape ``(n,)``; inf: the
       reading says nothing.
-    - deviances: twice the negative log-likelihood where the residual would be 0, shape ``(n,)``.
     """
 
     at: Array
@@ -46,7 +45,6 @@ class LinearisedReadings(NamedTuple):
     slopes: Array
     light: Array
     variances: Array
-    deviances: Array
 
     def pose_slopes(self, precision: Array, gain_std: float) -> Array:
         """Return how the pose that fits best follows the constants that are given, ``(5, q - k)``.
@@ -100,12 +98,12 @@ class Lineariser:
             # A turn about the beam is one of the roll, after which the pose is turned back.
             image[1 + r] -= turned_with_beam(at[:5]) @ image[1:6]
             image[1 + r] *= math.cos(at[PITCH]) / math.cos(at[YAW])
-        value, score, curvature = likelihood
+        _, score, curvature = likelihood
         says = curvature > LEAST_CURVATURE
         variances = np.divide(1.0, curvature, out=np.full(len(says), np.inf), where=says)
         residuals = np.divide(score, curvature, out=np.zeros(len(says)), where=says)
-        light, deviances = image[0] - self._noise.black, -2 * value - residuals * score
-        return LinearisedReadings(place, residuals, image[1:].T, light, variances, deviances)
+        light = image[0] - self._noise.black
+        return LinearisedReadings(place, residuals, image[1:].T, light, variances)
 
 
 def write_linear(

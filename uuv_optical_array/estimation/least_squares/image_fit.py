@@ -379,9 +379,9 @@ class ImageFit:
         Its variances are larger by the factor `stretch`, which the fit had.
         """
         near = self._linearise(readings, at, roll)
-        variances, deviances = stretch * near.variances, near.deviances / stretch
-        variances[weights == 0], deviances[weights == 0] = np.inf, 0.0
-        return near._replace(variances=variances, deviances=deviances)
+        variances = stretch * near.variances
+        variances[weights == 0] = np.inf
+        return near._replace(variances=variances)
 
     def _check(self, result: FrameResult) -> None:
         """Raise `NoPose` for a result without a pose."""

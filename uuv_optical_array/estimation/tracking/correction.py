@@ -38,6 +38,9 @@ from uuv_optical_array.forward.prior import SHADE_DOUBT
 SHADE_SHARE = 0.9 / SHADE_DOUBT
 # The white rest is alike in consecutive frames: this many count as one.
 CORRELATED_FRAMES = 4.0
+# Where constants are not known, poses without readings are of images that are not linear, as from
+# afar. What makes them broad is mostly their shape, not noise, and that is the same in all frames.
+BROAD_SHARE = 0.75
 # Largest share of a pose's variance, in any direction, that is ascribed to the constants' errors.
 MOST_COMMON = 0.9
 # Place of the second linearisation, as a share of the correction: there the biases by noise and by
@@ -100,7 +103,7 @@ class Correction:
         c, self._space = constants, space
         self._constants = constants
         self._coordinates = JointCoordinates(c.frame, c.names) if c.frame else AsTheyAre()
-        self._white_share, self._gate = math.sqrt(1 - settings.common_share), gate
+        self._settings, self._gate = settings, gate
         self.fit = BiasFit(space, settings.constants_hold_s, self._coordinates)
 
     def pose_errors(self, biases: Biases, frame: Measurement) -> tuple[Array, Array]:
@@ -123,7 +126,12 @@ class Correction:
             share = SHADE_SHARE * frame.shaded
             white = (1 - share) * (1 + (CORRELATED_FRAMES - 1) * frame.shaded)
             slopes[:, shades], root = math.sqrt(share) * root, math.sqrt(white) * root
-        return self._white_share * root, slopes
+        return math.sqrt(1 - self.common_share(frame)) * root, slopes
+
+    def common_share(self, frame: Measurement) -> float:
+        """Return the share of the variance of a frame's pose that all frames have in common."""
+        broad = self._constants.names and frame.shaded < 0.5
+        return max(self._settings.common_share, BROAD_SHARE if broad else 0.0)
 
     def correct(self, belief: Belief, frame: Measurement) -> Corrected:
         """Return a belief corrected by a frame; only readings correct the biases."""
@@ -169,7 +177,7 @@ class Correction:
                 at = np.concatenate([expected + RELINEARISE_AT * step, constants])
                 used = observation_of(self._readings_at(frame, coordinates.place(at)[0]))
             after = correct(before, used)
-            if keyframes.want(frame.stamp_ns, belief.motion.mean[POSE]):
+            if keyframes.want(frame, belief.motion.mean[POSE]):
                 keyframe = self._keyframe(frame, belief, before)
                 keyframes, found = self.fit.fitted(keyframes, keyframe)
                 learnt = self._space.replaced(biases, found)

@@ -5,8 +5,13 @@ that error stays. So frames from places that are new become keyframes, which kee
 are linearised anew when the biases have become known better, each where the track expected it
 before its image came, moved with the biases: at a place that its own noise chose, slopes and noise
 would be correlated, which biases what is learnt, the same in each frame. Their poses are free; what
-these leave of the frames fits the biases by Gauss and Newton, in steps that are halved until the
-likelihood does not fall.
+these leave of the frames fits the biases by Gauss and Newton. Far from where the images are likely,
+what linear images promise of the likelihood is not theirs, so steps are halved not until that
+grows, but until the next step is shorter in standard deviations.
+
+A place is new where it is farther from the last one than one image tells places apart. Frames of
+the same place share the error of the place at which they are linearised, and would teach the biases
+that error as often as there are frames.
 
 When there are too many, every second one is left out, and from then on twice the time is between
 them; a sum of frames as they were linear once would go wrong where slopes change, as they do with
@@ -21,18 +26,21 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lapack
 
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import Biases, BiasSpace
+from uuv_optical_array.estimation.tracking.measurement import Measurement
 from uuv_optical_array.estimation.unknowns.joint_coordinates import AsTheyAre
 
-EVERY_S = 0.5  # between keyframes, at first
-NEW_PLACE = np.array([0.1, 0.1, 0.1, 0.05, 0.05])  # m and rad from the last keyframe
+EVERY_S = 0.1  # between keyframes, at first
+NEW_PLACE = 1.0  # from the last keyframe, in standard deviations of the pose of one frame
 MOST_READINGS = 6000
 # Older ones than this share of the time in which biases drift are left out, but of so few.
 MEMORY, FEWEST = 0.02, 30
 MOST_HALVINGS = 6
-CLOSE = 0.1  # posterior standard deviations within which frames are linear enough
+# A step is as good as linear where its length in standard deviations of the prior times that in
+# those of the posterior is less: the error of second order in the latter, for curvatures of 1.
+LINEAR = 0.3
 
 
 class Keyframe(NamedTuple):
@@ -61,7 +69,7 @@ class Keyframes(NamedTuple):
     - every_s: least time between them, s.
     - frames: from the oldest to the newest.
     - squares: of each the squares and products of its residuals and of the slopes of these by the
-      biases, shape ``(1 + k, 1 + k)``. First is twice the negative log-likelihood.
+      biases, shape ``(1 + k, 1 + k)``.
     """
 
     biases: Array
@@ -69,13 +77,14 @@ class Keyframes(NamedTuple):
     frames: tuple[Keyframe, ...]
     squares: tuple[Array, ...]
 
-    def want(self, stamp_ns: int, pose: Array) -> bool:
-        """Say whether a frame of that stamp, ns, and pose, m and rad, is to be a keyframe."""
+    def want(self, frame: Measurement, expected: Array) -> bool:
+        """Say whether a frame is to be a keyframe, whose pose was expected there, m and rad."""
         if not self.frames:
             return len(self.biases) > 0
         last = self.frames[-1]
-        moved, step_s = (pose - last.pose) / NEW_PLACE, (stamp_ns - last.stamp_ns) * 1e-9
-        return bool(abs(step_s) >= self.every_s and moved @ moved >= 1)  # clocks are set back, too
+        moved, _ = lapack.dtrtrs(frame.root, wrapped(expected - last.pose), lower=1)
+        step_s = abs(frame.stamp_ns - last.stamp_ns) * 1e-9  # clocks are set back, too
+        return bool(step_s >= self.every_s and moved @ moved >= NEW_PLACE**2)
 
 
 class BiasFit:
@@ -105,25 +114,28 @@ class BiasFit:
         if len(frames) > max(MOST_READINGS // count, 1):
             every_s, frames, squares = 2 * every_s, frames[::-2][::-1], squares[::-2][::-1]
         fit = Keyframes(biases, every_s, frames, squares)
-        cost, step, root = _step(fit)
-        if np.linalg.norm(root.T @ step) > CLOSE:
-            for _ in range(1 + MOST_HALVINGS):
-                biases = fit.biases + step
-                again, _ = self._squares(fit.frames, biases)
-                nearer = fit._replace(biases=biases, squares=tuple(again))
+        step, root, size = _step(fit)
+        untaken: Array = np.zeros_like(step)
+        if size * np.linalg.norm(step) > LINEAR:
+            for k in range(1 + MOST_HALVINGS):
+                nearer = self._at(fit, fit.biases + step / 2**k)
                 following = _step(nearer)
-                if following[0] <= cost:
-                    fit, (_, step, root) = nearer, following
+                if following[-1] < size:
+                    fit, (step, root, _) = nearer, following
                     break
-                step = step / 2
-            else:  # no part of it is better
-                step = np.zeros_like(step)
+            else:  # the biases are not known better than by the step that leads nowhere
+                untaken, step = step, untaken
         inverse = lapack.dpotri(root, lower=1)[0]
-        covariance = np.tril(inverse) + np.tril(inverse, -1).T
+        covariance = np.tril(inverse) + np.tril(inverse, -1).T + np.outer(untaken, untaken)
         ages_s = [(frame.stamp_ns - each.stamp_ns) * 1e-9 for each in fit.frames]
         told = [each.trace() - each[0, 0] for each in fit.squares]  # how much each says
         age_s = float(np.average(ages_s, weights=told)) if any(told) else 0.0
         return fit, self._space.drifted(Biases(fit.biases + step, covariance), age_s)
+
+    def _at(self, keyframes: Keyframes, biases: Array) -> Keyframes:
+        """Return keyframes linearised at biases."""
+        squares, _ = self._squares(keyframes.frames, biases)
+        return keyframes._replace(biases=biases, squares=tuple(squares))
 
     def _squares(self, frames: Sequence[Keyframe], biases: Array) -> tuple[Array, int]:
         """Return squares and products of keyframes at biases, and how many readings one has."""
@@ -141,17 +153,12 @@ class BiasFit:
         rows = np.concatenate([residuals[..., None] - by_biases @ off[..., None], by_biases], 2)
         basis, _ = np.linalg.qr(by_pose)
         rows -= basis @ (basis.transpose(0, 2, 1) @ rows)
-        squares = rows.transpose(0, 2, 1) @ rows
-        squares[:, 0, 0] += stacked.deviances.sum(axis=1)
-        return squares, residuals.shape[1]
+        return rows.transpose(0, 2, 1) @ rows, residuals.shape[1]
 
 
-def _step(keyframes: Keyframes) -> tuple[float, Array, Array]:
-    """Return what biases cost, Gauss and Newton's step, and the lower root of the information.
-
-    The cost is twice the negative logarithm of their posterior density, but for a constant.
-    """
-    biases, squares = keyframes.biases, np.sum(keyframes.squares, axis=0)
-    root = lapack.dpotrf(np.eye(len(biases)) + squares[1:, 1:], lower=1)[0]
-    step, _ = lapack.dpotrs(root, squares[1:, 0] - biases, lower=1)
-    return float(squares[0, 0] + biases @ biases), step, root
+def _step(keyframes: Keyframes) -> tuple[Array, Array, float]:
+    """Return Gauss and Newton's step, the lower root of the information, and the step by that."""
+    squares = np.sum(keyframes.squares, axis=0)
+    root = lapack.dpotrf(np.eye(len(squares) - 1) + squares[1:, 1:], lower=1)[0]
+    step, _ = lapack.dpotrs(root, squares[1:, 0] - keyframes.biases, lower=1)
+    return step, root, float(np.linalg.norm(root.T @ step))

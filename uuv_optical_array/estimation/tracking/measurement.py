@@ -72,7 +72,7 @@ def checked_readings(readings: LinearisedReadings, constants: Constants) -> Line
     count = readings.residuals.size
     if constants.gain_std > 0:
         count = constants.detectors * constants.lamps
-    shapes = ((width,), (count,), (count, width), (count,), (count,), (count,))
+    shapes = ((width,), (count,), (count, width), (count,), (count,))
     for name, part, shape in zip(readings._fields, readings, shapes, strict=True):
         if part.shape != shape:
             raise ValueError(f"readings: {name} has the shape {part.shape}; give {shape}")

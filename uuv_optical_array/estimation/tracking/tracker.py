@@ -225,8 +225,8 @@ class Tracker:
         own_motion = self._own_motion_at(stamp_ns, newest)
         own = self._own_motion.twist(stamp_ns) if own_motion == "told" else np.zeros(5)
         if newest.frame.readings is None:
-            root = newest.frame.root
-            joint[POSE, POSE] += self._settings.common_share * (root @ root.T)
+            root, share = newest.frame.root, self._correction.common_share(newest.frame)
+            joint[POSE, POSE] += share * (root @ root.T)
             if self._constants.uneven:
                 self._residuals.add_light(stamp_ns, newest.frame.shaded > 0.5)
         elif newest.frame.relinearise and stamp_ns > self._tested_ns:

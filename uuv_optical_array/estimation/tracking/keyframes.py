@@ -34,7 +34,7 @@ from uuv_optical_array.estimation.unknowns.joint_coordinates import AsTheyAre
 
 EVERY_S = 0.1  # between keyframes, at first
 NEW_PLACE = 1.0  # from the last keyframe, in standard deviations of the pose of one frame
-MOST_READINGS = 6000
+MOST_READINGS = 12_000
 # Older ones than this share of the time in which biases drift are left out, but of so few.
 MEMORY, FEWEST = 0.02, 30
 MOST_HALVINGS = 6

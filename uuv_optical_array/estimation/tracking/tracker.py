@@ -8,10 +8,10 @@ The filter of pose and rate is that of given biases, which are learnt beside it 
 A frame comes as a pose with its covariance, or with its readings, linearised (`correction`).
 
 - Of a pose alone, only the white part of the errors averages out. ``common_share`` is one error of
-  all frames, such as the bias of a grid. What unknown constants do to its range, given how bright
-  the image is, is one error of all frames, too. The errors of a shaded frame vary as slowly as the
-  shade. A bare pose teaches none of these biases, so that the track follows the motion and its
-  covariance stays large enough.
+  all frames, such as the bias of a grid, or more where images are not linear (`correction`). What
+  unknown constants do to its range, given how bright the image is, is one error of all frames, too.
+  The errors of a shaded frame vary as slowly as the shade. A bare pose teaches none of these
+  biases, so that the track follows the motion and its covariance stays large enough.
 - A track that has begun with readings takes no bare poses, but of shaded frames, as these say only
   roughly what they share of the constants' errors; for a while it goes on without. One of poses
   begins anew with the first readings.

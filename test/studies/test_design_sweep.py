@@ -26,11 +26,9 @@ from uuv_optical_array.studies.design import (
     score,
     signature_noise_deg,
     sweep_of,
-    with_gain,
 )
 
 FOLLOW = load_scene("follow")
-POWERS = ("flux", "flux_in_range", "counts")
 
 
 @given(
@@ -137,57 +135,13 @@ def seen(model, eta):
 )
 def test_equal_flux_means_that_the_lamps_emit_as_much(design):
     base = load_scene("follow")
-    assert emitted(designed(base, design, "flux")) == pytest.approx(emitted(base), rel=1e-5)
+    assert emitted(designed(base, design)) == pytest.approx(emitted(base), rel=1e-5)
 
 
-@pytest.mark.parametrize("name", ["follow", "coastal", "sunlit_shallow"])
-@pytest.mark.parametrize("sigma_deg", [4.0, 8.0, 20.0])
-def test_the_gain_is_turned_down_where_the_array_would_read_more(name, sigma_deg):
-    base = load_scene(name)
-    design = dataclasses.replace(Design.of(base), beam_sigma_deg=sigma_deg)
-    fixed, ranged, counts = (designed(base, design, p) for p in POWERS)
-    most, wanted = fixed.lamp.reference_counts, base.lamp.reference_counts
-    assert (most > wanted) == (sigma_deg < base.lamp.beam_sigma_deg)
-    assert ranged.lamp.reference_counts == pytest.approx(min(most, wanted))
-    assert counts.lamp.reference_counts == wanted
-    assert counts.effects == fixed.effects == base.effects
-    if most <= wanted:
-        assert ranged == fixed
-        return
-    # The same light is fewer counts, so all that is light is, and what is electrons stays.
-    gain = wanted / most
-    pose = np.array([-5.0, 0.3, 0.2, 0.1, -0.1])
-    np.testing.assert_allclose(
-        ForwardModel(ranged).light(pose), gain * ForwardModel(fixed).light(pose), rtol=1e-12
-    )
-    models = ForwardModel(fixed), ForwardModel(ranged)
-    noise = []
-    for model in models:
-        settings, light = model.scene.settings(), model.light(pose).ravel()
-        noise.append(np.array([second_forward.noise_variance(settings, each) for each in light]))
-    before_gain = {"shot_noise", "photodiode"} & set(base.effects)
-    behind_gain = {"sensor_noise"} & set(base.effects)
-    if before_gain and not behind_gain:
-        np.testing.assert_allclose(noise[1], gain**2 * noise[0], rtol=1e-12)
-    if behind_gain and not before_gain:
-        np.testing.assert_allclose(noise[1], noise[0], rtol=1e-12)
-    assert before_gain or behind_gain
-
-
-def test_the_prior_of_the_ambient_light_follows_the_gain():
-    effects = {"ambient": {"level_counts": 8.0}, "shot_noise": {"electrons_per_count": 2.0}}
-    scene = scene_with(effects, prior={"ambient_std_counts": 4.0})
-    found = with_gain(scene, 0.5)
-    assert found.effects["ambient"]["level_counts"] == 4.0
-    assert found.effects["shot_noise"]["electrons_per_count"] == 4.0
-    assert found.prior.ambient_std_counts == 2.0
-
-
-@pytest.mark.parametrize("power", POWERS)
 @pytest.mark.parametrize("name", ["follow", "eren2017_tank"])
-def test_the_scenes_own_design_is_the_scene(name, power):
+def test_the_scenes_own_design_is_the_scene(name):
     scene = load_scene(name)
-    assert designed(scene, Design.of(scene), power) == scene
+    assert designed(scene, Design.of(scene)) == scene
 
 
 def test_the_foremost_point_stays():
@@ -237,8 +191,8 @@ def test_the_bound_is_that_of_an_implementation_of_its_own(design):
     poses = uniform_poses(12, rng())
     assert (poses >= LOW).all()
     assert (poses <= HIGH).all()
-    found = score(designed(scene, design, "counts"), poses, rng())
-    own = designed(scene, design, "counts").settings()
+    found = score(designed(scene, design), poses, rng())
+    own = designed(scene, design).settings()
     alone, known, lit = [], [], []
     for pose in poses:
         slopes = []
@@ -269,7 +223,7 @@ def test_the_angles_are_those_of_a_second_implementation():
     plain = {"attenuation": scene.effects["attenuation"]}
     scene = dataclasses.replace(scene, effects=plain)
     design = Design("curved", 5, 0.4, 0.32, 4.5, 1, 0.0, 0.0)
-    found = score(designed(scene, design, "counts"), uniform_poses(2, rng()), rng())
+    found = score(designed(scene, design), uniform_poses(2, rng()), rng())
 
     def least(motion, step):
         both = [

@@ -25,10 +25,10 @@ import operator
 import sys
 import typing
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +58,6 @@ from uuv_optical_array.studies.shared.separation import (
     paper_signature,
 )
 
-# How bright each design's lamp is; `designed` explains.
-Power: TypeAlias = Literal["flux", "flux_in_range", "counts"]
 # Values of settings by their names, all of `SWEPT`.
 Sweep: TypeAlias = Mapping[str, Sequence[Any]]
 
@@ -76,18 +74,11 @@ DEFAULTS: dict[str, tuple[Any, ...]] = {
     "radius_m": (0.16, 0.24, 0.32, 0.4, 0.48, 0.64),
     "beam_sigma_deg": (4.0, 6.0, 8.0, 11.0, 15.0, 20.0),
 }
-# Powers of the gain by which settings change that are a reading of the light, or its inverse.
-WITH_GAIN = (
-    ("ambient", "level_counts", 1),
-    ("ambient", "surface_counts", 1),
-    ("shot_noise", "electrons_per_count", -1),
-    ("photodiode", "amps_per_count", -1),
-    ("photodiode", "watts_per_m2_per_count", -1),
-)
 # What Eren et al. (2016) choose; their lamp is not given.
 PAPER: dict[str, Any] = {"shape": "curved", "detectors_per_side": 5}
 PAPER |= {"width_m": 0.4, "radius_m": 0.32}
 SEED = 1
+POSES = Quantity("poses at which the bound is taken", "", 1, 1e7)
 NOISE_DRAWS = 64
 ROUNDING_DEG = 1e-9  # angles below are rounding: the converter took all noise away
 BLOCK_READINGS = 1 << 14
@@ -193,15 +184,11 @@ def _fault(design: Design) -> str:
     return ""
 
 
-def designed(scene: Scene, design: Design, power: Power = "flux") -> Scene:
-    """Return a scene with the array and the lamp of a design, and the lamp's power set.
+def designed(scene: Scene, design: Design) -> Scene:
+    """Return a scene with the array and the lamp of a design, whose lamp emits as much light.
 
-    By a power of ``flux`` the lamp emits as much light as the scene's, into a beam of another
-    width. ``flux_in_range`` is the same light, but where the aligned array would read more of it at
-    the reference range than the scene's does, the gain is turned down until it reads the same;
-    noise behind the gain stays as it is in counts. By ``counts`` the lamp is as strong as it takes
-    for the same reading. The foremost point of the array stays where the scene's is. A ValueError
-    says that the array cannot be built, or gets no light at the reference range.
+    The foremost point of the array stays where the scene's is. A ValueError says that the array
+    cannot be built, or gets no light at the reference range.
     """
     bow_m = scene.array.bow_m - ((design.radius_m or 0.0) - (scene.array.radius_m or 0.0))
     side, radius_m = design.detectors_per_side, design.radius_m
@@ -215,30 +202,14 @@ def designed(scene: Scene, design: Design, power: Power = "flux") -> Scene:
             "that extends leading_lights"
         )
     changed = dataclasses.replace(scene, array=array, lamp=lamp).with_lamps(lamps)
-    if power == "counts" or design == own:
+    if design == own:
         return changed
     own_sr, beam_sr = (
         beam_solid_angle(math.radians(it.beam_sigma_deg)) for it in (scene.lamp, design)
     )
     brighter = ForwardModel(scene).power * own_sr / beam_sr / ForwardModel(changed).power
-    if power == "flux_in_range" and brighter > 1:
-        return with_gain(changed, 1 / brighter)
     lamp = dataclasses.replace(lamp, reference_counts=brighter * lamp.reference_counts)
     return dataclasses.replace(changed, lamp=lamp)
-
-
-def with_gain(scene: Scene, gain: float) -> Scene:
-    """Return a scene whose electronics give `gain` times the counts for the same light.
-
-    The lamp's `reference_counts` are not touched: they say how strong the lamp is after the change.
-    """
-    effects = {name: dict(settings) for name, settings in scene.effects.items()}
-    for name, key, power in WITH_GAIN:
-        if effects.get(name, {}).get(key) is not None:
-            effects[name][key] *= gain**power
-    std_counts = gain * scene.prior.ambient_std_counts
-    prior = dataclasses.replace(scene.prior, ambient_std_counts=std_counts)
-    return dataclasses.replace(scene, effects=effects, prior=prior)
 
 
 @dataclass(frozen=True)
@@ -357,30 +328,17 @@ def _blocks(model: ForwardModel, poses: Array) -> list[Array]:
     return np.array_split(poses, range(step, len(poses), step))
 
 
-POWER = Quantity(
-    "lamps of equal flux; the same with the gain turned down where they would read brighter than "
-    "the scene's own; or lamps of equal counts"
-)
+def origin(scene: Scene, poses: int) -> dict[str, Any]:
+    """Return what scores depend on beside the design; `poses` is the number of them."""
+    about = {"scene": scene.name, "fingerprint": scene.fingerprint}
+    return {**about, "poses": poses, "seed": SEED}
 
 
-@dataclass(frozen=True)
-class Scoring:
-    """How designs are scored; `power` as in `designed`."""
-
-    power: Annotated[Power, POWER] = "flux"
-    poses: Annotated[int, Quantity("poses at which the bound is taken", "", 1, 1e7)] = 1000
-
-    def origin(self, scene: Scene) -> dict[str, Any]:
-        """Return what scores depend on beside the design."""
-        about = {"scene": scene.name, "fingerprint": scene.fingerprint}
-        return {**about, **vars(self), "seed": SEED}
-
-    def scored(self, scene: Scene, designs: Iterator[Design]) -> Iterator[ScoredDesign]:
-        """Yield designs of a scene's array and lamp with their scores."""
-        poses = volume.uniform_poses(self.poses, np.random.default_rng([SEED, 0]))
-        for design in designs:
-            built = designed(scene, design, self.power)
-            yield score(built, poses, np.random.default_rng([SEED, 1]))
+def scored(scene: Scene, designs: Iterable[Design], poses: int) -> Iterator[ScoredDesign]:
+    """Yield designs of a scene's array and lamp with their scores, bounds at so many poses."""
+    places = volume.uniform_poses(poses, np.random.default_rng([SEED, 0]))
+    for design in designs:
+        yield score(designed(scene, design), places, np.random.default_rng([SEED, 1]))
 
 
 def scored_before(path: Path, origin: Mapping[str, Any]) -> list[ScoredDesign]:
@@ -487,43 +445,35 @@ BOUNDS = {
     "angle_deg": ("bound on angle, RMS (deg)", float(SPECIFICATION[3]), volume_spread()[1]),
 }
 BESIDE: dict[Shape, float] = {"planar": -0.2, "curved": 0.0}  # where a shape is drawn
-CLOSE_UP_SIDE = 5
 
 
 def draw(choice: Choice, about: str) -> Any:
-    """Draw bounds against detectors, lamp, size and radius, and list the designs of the fronts."""
+    """Draw bounds against detectors, the paper's criterion, and the list of the fronts."""
     rows, width_m = choice.rows, choice.scene.array.width_m
-    figure = style.new_figure(13, 12)
-    parts: Any = figure.subfigures(3, 1, height_ratios=[5, 4, 2.6])
-    for axes, name in zip(parts[0].subplots(1, 2), BOUNDS, strict=True):
+    figure = style.new_figure(16, 8.6)
+    above, below = figure.subfigures(2, 1, height_ratios=[5, 2.6])
+    *by_detectors, criterion = above.subplots(1, 3)
+    for axes, name in zip(by_detectors, BOUNDS, strict=True):
         _all_designs(axes, choice, name)
-    by_beam, by_radius, criterion = parts[1].subplots(1, 3)
-    side = min((row.detectors_per_side for row in rows), key=lambda n: abs(n - CLOSE_UP_SIDE))
-    alike = [row for row in rows if row.detectors_per_side == side]
-    _best(by_beam, alike, "beam_sigma_deg", "radius_m", "radius {:g} m")
-    by_beam.set(xlabel="standard deviation of the beam (deg)", title=f"the best {side} x {side}")
-    if len({row.lamps for row in rows}) > 1:
-        _best(by_radius, alike, "lamps", "ring", "{}")
-        by_radius.set_xlabel("lamps, so far from their middle and turned outwards")
-    else:
-        _best(by_radius, [r for r in alike if r.radius_m], "radius_m", "width_m", "{:g} m wide")
-        by_radius.set_xlabel("radius of the sphere (m)")
     _dots(criterion, [min(row.shift_deg, row.yaw_deg) for row in rows], rows, "angle_deg")
     criterion.axvline(THRESHOLD_DEG, color="k", lw=1)
     criterion.set_xlabel("least angle of 0.2 m and 10 deg, 4 to 8 m (deg)")
     criterion.set_title(f"the paper's criterion, {THRESHOLD_DEG:g} deg, and the bound")
-    left, right = parts[2].subplots(1, 2, width_ratios=(2.2, 1))
-    style.write_table(left, choice.table(), 7.0, 1.3)
+    left, right = below.subplots(1, 2, width_ratios=(2.2, 1))
+    style.write_table(left, choice.table(), 8.5, 1.3)
     right.set_axis_off()
-    handles, labels = parts[0].axes[0].get_legend_handles_labels()
+    handles, labels = by_detectors[0].get_legend_handles_labels()
     right.legend(handles, labels, loc="upper left", fontsize=10, frameon=False)
     title = f"What to build: {len(rows)} designs of array and lamp, scene {choice.scene.name}"
     figure.suptitle(f"{title}, whose array is {width_m:g} m wide\n{about}", fontsize=13)
     return figure
 
 
-def _bounds_axis(axes: Any, name: str) -> None:
-    """Set up the axis of a bound, with the specification and what is known without light."""
+def _dots(axes: Any, x: Sequence[float], rows: Sequence[ScoredDesign], name: str) -> None:
+    """Draw a bound of designs as dots, coloured by their shape, and what it compares with."""
+    for shape, colour in style.SHAPE_COLOURS.items():
+        points = [(at, getattr(r, name)) for at, r in zip(x, rows, strict=True) if r.shape == shape]
+        axes.plot(*np.reshape(points, (-1, 2)).T, "o", color=colour, ms=2, alpha=0.5, label=shape)
     label, wanted, free = BOUNDS[name]
     paper = {"color": style.SPECIFIED, "label": "specification of the paper"}
     axes.axhline(wanted, ls="--", lw=1.4, zorder=1, **paper)
@@ -531,14 +481,6 @@ def _bounds_axis(axes: Any, name: str) -> None:
     axes.set(yscale="log", ylabel=label)
     style.plain_log_ticks(axes.yaxis)
     axes.grid(alpha=0.3, lw=0.5)
-
-
-def _dots(axes: Any, x: Sequence[float], rows: Sequence[ScoredDesign], name: str) -> None:
-    """Draw a bound of designs as dots, coloured by their shape."""
-    for shape, colour in style.SHAPE_COLOURS.items():
-        points = [(at, getattr(r, name)) for at, r in zip(x, rows, strict=True) if r.shape == shape]
-        axes.plot(*np.reshape(points, (-1, 2)).T, "o", color=colour, ms=2, alpha=0.5, label=shape)
-    _bounds_axis(axes, name)
 
 
 def _all_designs(axes: Any, choice: Choice, name: str) -> None:
@@ -566,54 +508,29 @@ def _all_designs(axes: Any, choice: Choice, name: str) -> None:
     style.number_points(axes, points)
 
 
-def _best(axes: Any, rows: Sequence[ScoredDesign], x: str, group: str, label: str) -> None:
-    """Draw the best bound on the position by a setting, a line for each value of another one."""
-    from matplotlib.ticker import NullLocator
-
-    lines: dict[Any, dict[Any, float]] = {}
-    # Of all with the same values the best is the last.
-    for row in sorted(rows, key=lambda row: row.position_m, reverse=True):
-        lines.setdefault(getattr(row, group), {})[getattr(row, x)] = row.position_m
-    values = sorted(lines.keys() - {None})
-    colours = [*style.shades("viridis", 0, 0.88, len(values)), style.SHAPE_COLOURS["planar"]]
-    for value, colour in zip([*values, *(lines.keys() & {None})], colours, strict=False):
-        name = "planar" if value is None else label.format(value)
-        points = sorted(lines[value].items())
-        axes.plot(*zip(*points, strict=True), "o-", color=colour, ms=4, label=name)
-    if lines:
-        axes.legend(fontsize=8, framealpha=0.85)
-    _bounds_axis(axes, "position_m")
-    axes.set_xscale("log")
-    ticks = sorted({getattr(row, x) for row in rows})
-    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    axes.xaxis.set_minor_locator(NullLocator())
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
     about = f"values of {', '.join(SWEPT)} (default: a grid about the scene's own)"
     parser.add_argument("--sweep", nargs="+", default=[], metavar="NAME=VALUE,...", help=about)
-    scored = parser.add_argument_group("how it is scored")
-    options.add_settings(scored, Scoring)
-    written = parser.add_argument_group("what is written")
+    options.add_number(parser, "poses", POSES, 1000)
     about = "picture, with the CSV of every design beside it (default: SCENE.design.png here)"
-    outputs.add_picture(written, None, about=about)
+    outputs.add_picture(parser, None, about=about)
     about = "write design NO of the table as a scene, too"
-    written.add_argument("--take", type=options.whole_number, metavar="NO", help=about)
+    parser.add_argument("--take", type=options.whole_number, metavar="NO", help=about)
     options.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Score what is not scored yet, and print, write and draw it."""
-    scene, how = options.scene_of(args), Scoring(**options.settings_of(args, Scoring))
+    scene = options.scene_of(args)
     with options.checking_options():
         sweep = sweep_of(scene, args.sweep)
     picture = args.output or f"{scene.name}.design.png"
     picture = outputs.file_to_write(picture, "--output", outputs.PICTURE)
     csv = outputs.file_to_write(picture.with_suffix(".csv"), "--output")
-    told, origin = sys.stderr if args.json else sys.stdout, how.origin(scene)
-    before = scored_before(csv, origin)
+    told, about = sys.stderr if args.json else sys.stdout, origin(scene, args.poses)
+    before = scored_before(csv, about)
     designs, dropped = designs_of(sweep)
     if count := sum(dropped.values()):
         print(f"left out: {count} designs whose corners lie beyond their sphere", file=told)
@@ -621,24 +538,23 @@ def run(args: argparse.Namespace) -> int:
     if known := [there[design] for design in designs if design in there]:
         print(f"{csv}: {len(known)} designs are there already", file=told)
     left = progress.over([design for design in designs if design not in there], "design")
-    scored, complete = until_interrupted(itertools.chain(known, how.scored(scene, left)))
-    write(csv, origin, [row.columns() for row in dict.fromkeys([*before, *scored])])
-    choice = Choice(scene, sorted(scored, key=lambda row: designs.index(row.design)))
-    about = f"lamp power: {how.power}; {how.poses} poses, seed {SEED}"
-    style.save(draw(choice, about), picture)
+    new = scored(scene, left, args.poses)
+    rows, complete = until_interrupted(itertools.chain(known, new))
+    write(csv, about, [row.columns() for row in dict.fromkeys([*before, *rows])])
+    choice = Choice(scene, sorted(rows, key=lambda row: designs.index(row.design)))
+    style.save(draw(choice, f"lamps of equal flux; {args.poses} poses, seed {SEED}"), picture)
     written = [csv, picture]
     if args.take is not None:
         with options.checking_options():
             numbers = Annotated[int, Quantity("", "", 1, len(choice.numbered))]
             design = choice.numbered[check(numbers, args.take, "--take") - 1].design
         written.append(csv.with_suffix(f".{args.take}.yaml"))
-        taken = designed(scene, design, how.power)
-        taken = scene_from_settings(taken.settings(), written[-1].stem)
-        about = f"{design.label}, by uuv_array study design from {scene.name}"
-        save_scene(taken, written[-1], about)
+        taken = scene_from_settings(designed(scene, design).settings(), written[-1].stem)
+        comment = f"{design.label}, by uuv_array study design from {scene.name}"
+        save_scene(taken, written[-1], comment)
     names = [*map(str, written)]
-    result = {"complete": complete, **origin, "sweep": sweep, **choice.as_object()}
+    result = {"complete": complete, **about, "sweep": sweep, **choice.as_object()}
     result |= {"dropped": dropped, "files": names}
-    text = f"{report(choice)}\n{len(scored)} designs: {', '.join(names)}"
-    missing = f"{len(scored)} of {len(designs)} designs; the same command resumes it"
+    text = f"{report(choice)}\n{len(rows)} designs: {', '.join(names)}"
+    missing = f"{len(rows)} of {len(designs)} designs; the same command resumes it"
     return outputs.finish(args, result, text, complete, missing)

@@ -43,8 +43,8 @@ def _ours(rows: Array) -> Search:
     index = SpectralIndex(rows)
 
     def search(queries: Array) -> tuple[NDArray[np.intp], Array]:
-        angles, found = index.nearest(queries[0] if len(queries) == 1 else queries)
-        return found.reshape(-1), angles.reshape(-1)
+        angles, found = zip(*map(index.nearest, queries), strict=True)
+        return np.concatenate(found), np.concatenate(angles)
 
     return search
 

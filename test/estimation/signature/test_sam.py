@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uuv_optical_array.estimation.signature import spectral_angle as sam
 from uuv_optical_array.estimation.signature.spectral_angle import (
     SpectralIndex,
     spectral_angle,
@@ -70,8 +69,6 @@ def test_a_vector_without_a_direction_is_refused_everywhere(bad, why):
         SpectralIndex([good, bad, good])
     with pytest.raises(ValueError, match=why):
         SpectralIndex([good, good]).nearest(bad)
-    with pytest.raises(ValueError, match=why):
-        SpectralIndex([good, good]).nearest([good, bad])
 
 
 @pytest.mark.parametrize("shape", [(0, 5), (5,), (2, 3, 4)])
@@ -110,10 +107,6 @@ def test_the_nearest_rows_are_those_of_an_exact_brute_force(case):
         equal = [i for i, other in enumerate(rows) if other == row]
         chosen = [i for i in found.tolist() if i in equal]
         assert chosen == equal[: len(chosen)]
-    # In a batch, whatever its company.
-    together = SpectralIndex(np.array(rows, dtype=float)).nearest([rows[0], query, rows[-1]], k)
-    np.testing.assert_array_equal(together[1][1], found)
-    np.testing.assert_allclose(together[0][1], angles, atol=4e-16)
 
 
 def test_rows_a_billionth_of_a_radian_apart_are_told_apart():
@@ -137,23 +130,21 @@ def exact_order(rows, query):
     return sorted(range(len(rows)), key=lambda i: (-near[i], i))
 
 
-@pytest.mark.parametrize("candidates", [1, 7, 1 << 20])
 @pytest.mark.parametrize("k", [1, 4, 99])
-def test_a_batch_comes_in_the_order_of_exact_fractions(monkeypatch, k, candidates):
-    monkeypatch.setattr(sam, "CANDIDATES", candidates)
+def test_rows_come_in_the_order_of_exact_fractions(k):
     rng = np.random.default_rng(k)
     rows = rng.standard_normal((60, 6))
     rows[40:] = rows[rng.integers(0, 40, 20)]  # some thrice, so that a tie outgrows a small k
     rows[50:55] = rows[0]
     turned = rows[:5] + 1e-9 * rng.standard_normal((5, 6))
     queries = np.concatenate([rows[[0, 45, 59]], turned, -rows[:2], rng.standard_normal((9, 6))])
-    angles, found = SpectralIndex(rows).nearest(queries, k)
-    assert angles.shape == found.shape == (len(queries), min(k, 60))
-    for query, own in zip(queries, found.tolist(), strict=True):
-        assert own == exact_order(rows, query)[:k]
-    assert (angles[:3, 0] == 0).all(), "a query that is a row is at no angle from it"
-    assert (angles[3:8, 0] < 1e-8).all()
-    assert (angles[3:8, 0] > 1e-11).all()
+    index, least = SpectralIndex(rows), []
+    for query in queries:
+        angles, found = index.nearest(query, k)
+        assert found.tolist() == exact_order(rows, query)[:k]
+        least.append(angles[0])
+    assert least[:3] == [0, 0, 0], "a query that is a row is at no angle from it"
+    assert 1e-11 < min(least[3:8]) < max(least[3:8]) < 1e-8
 
 
 @pytest.mark.parametrize("length", [2, 6, 7, 8, 25, 441])
@@ -165,12 +156,10 @@ def test_a_single_vector_is_scaled_as_one_of_many_to_the_last_bit(length):
         assert [SpectralIndex(table).nearest(row)[0][0] for row in table[::10]] == [0.0] * 30
 
 
-@pytest.mark.parametrize("shape", [(), (2,), (4,), (5, 2), (1, 2, 3), (3, 0)])
+@pytest.mark.parametrize("shape", [(), (2,), (4,), (5, 3), (3, 0)])
 def test_a_query_of_another_length_is_refused_with_the_right_one(shape):
-    with pytest.raises(ValueError, match=r"give \(3,\) or \(q, 3\)"):
+    with pytest.raises(ValueError, match=r"give \(3,\)"):
         SpectralIndex(np.eye(3)).nearest(np.ones(shape))
-    angles, found = SpectralIndex(np.eye(3)).nearest(np.empty((0, 3)), 2)
-    assert angles.shape == found.shape == (0, 2)
 
 
 def test_a_single_query_almost_opposite_to_every_row_has_an_exact_angle():

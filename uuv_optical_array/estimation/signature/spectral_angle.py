@@ -1,7 +1,5 @@
 """The Spectral Angle Mapper: the angle between vectors, and the rows nearest by it."""
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
@@ -10,9 +8,7 @@ from uuv_optical_array.core.geometry import Array
 
 # Chords that differ by no more than this are ranked by the stable angle.
 APART, ROUNDING = 1 + 1e-9, 1e-15
-CANDIDATES = 1 << 20  # ranked at a time, which bounds the memory
 BLOCK_ROWS = 1 << 16
-SHORT = 8  # numbers; NumPy sums fewer than these one after the other
 # Numbers between these have squares that neither overflow nor underflow.
 SMALL, LARGE = 1e-100, 1e100
 
@@ -34,18 +30,6 @@ def unit_vectors(vectors: ArrayLike) -> Array:
             # which rounds nothing.
             own = np.ldexp(own, -np.frexp(largest)[1])
         return own / np.sqrt(np.add.reduce(own * own, axis=-1, keepdims=True))
-
-
-def _unit_vector(vector: Array) -> Array:
-    """`unit_vectors` of a single one, to the last bit, in an eighth of the time."""
-    values, squared = vector.tolist(), 0.0
-    if len(values) < SHORT:
-        for value in values:
-            squared += value * value
-    if SMALL * SMALL < squared < LARGE * LARGE:
-        length = math.sqrt(squared)
-        return np.array([value / length for value in values])
-    return unit_vectors(vector)
 
 
 def _angle_between_units(u: Array, v: Array) -> Array:
@@ -111,51 +95,27 @@ class SpectralIndex:
         return units
 
     def nearest(self, query: ArrayLike, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
-        """Find the k rows nearest to a vector, ``(n,)``, or to each of many, ``(q, n)``.
+        """Find the k rows nearest to a vector, shape ``(n,)``.
 
         Returned are angles, rad, ascending, and row numbers, by which equal angles are ordered,
-        shape ``(min(k, m),)`` or ``(q, min(k, m))``. ValueError for a query that has no direction,
-        or is of another length than the rows.
+        each of shape ``(min(k, m),)``. ValueError for a query that has no direction, or is of
+        another length than the rows.
         """
-        query = np.asarray(query, dtype=float)
-        length = self._units.shape[1]
-        if query.ndim not in (1, 2) or query.shape[-1] != length:
-            raise ValueError(
-                f"spectral index: query of shape {query.shape}; give ({length},) or (q, {length})"
-            )
-        k = min(k, len(self._units))
-        if query.ndim == 2:
-            return self._ranked(unit_vectors(query), k)
-        unit = _unit_vector(query)
-        if k < len(self._units):
-            chords, neighbours = self._tree.query(unit, k + 1)
-            # Where all are clearly apart they are in order, and up to 60 deg the chord, taken by
-            # itself, is as good as the stable angle.
-            least = np.minimum.reduce(chords[1:] - chords[:-1])
-            if chords[-1] < 1 and least > chords[-1] * (APART - 1) + ROUNDING:
-                return 2 * np.arcsin(chords[:k] / 2), self._rows[neighbours[:k]]
-        angles, rows = self._ranked(unit[None], k)
-        return angles[0], rows[0]
-
-    def _ranked(self, units: Array, k: int) -> tuple[Array, NDArray[np.intp]]:
-        """Find the `k` nearest rows to each unit vector, shape ``(q, n)``, ranked once more."""
-        angles, rows = np.empty((len(units), k)), np.empty((len(units), k), dtype=np.intp)
-        pending, fetch = np.arange(len(units)), k + 1
-        while len(pending):
-            fetch, unsettled = min(fetch, len(self._units)), []
-            step = max(1, CANDIDATES // fetch)
-            for part in (pending[i : i + step] for i in range(0, len(pending), step)):
-                chords, neighbours = self._tree.query(units[part], fetch)
-                chords, neighbours = chords.reshape(-1, fetch), neighbours.reshape(-1, fetch)
-                # Until the last one fetched is clearly farther, a tie may lie outside.
-                settled = chords[:, -1] > chords[:, k - 1] * APART + ROUNDING
-                settled |= fetch == len(self._units)
-                neighbours, own = neighbours[settled], part[settled]
-                stable = _angle_between_units(self._units[neighbours], units[own, None])
-                neighbours = self._rows[neighbours]
-                order = np.lexsort((neighbours, stable))[:, :k]
-                angles[own] = np.take_along_axis(stable, order, axis=1)
-                rows[own] = np.take_along_axis(neighbours, order, axis=1)
-                unsettled.append(part[~settled])
-            pending, fetch = np.concatenate(unsettled), 4 * fetch
-        return angles, rows
+        query, (count, length) = np.asarray(query, dtype=float), self._units.shape
+        if query.shape != (length,):
+            raise ValueError(f"spectral index: query of shape {query.shape}; give ({length},)")
+        unit, k = unit_vectors(query), min(k, count)
+        fetch, settled = k + 1, False
+        while not settled:
+            fetch = min(fetch, count)
+            chords, neighbours = map(np.ravel, self._tree.query(unit, fetch))
+            # Until the last one fetched is clearly farther, a tie may lie outside.
+            settled = fetch == count or chords[-1] > chords[k - 1] * APART + ROUNDING
+            fetch *= 4
+        least = np.minimum.reduce(chords[1:] - chords[:-1], initial=chords[-1])
+        if chords[-1] < 1 and least > chords[-1] * (APART - 1) + ROUNDING:
+            # In order, and up to 60 deg the chord by itself is as good as the stable angle.
+            return 2 * np.arcsin(chords[:k] / 2), self._rows[neighbours[:k]]
+        angles, rows = _angle_between_units(self._units[neighbours], unit), self._rows[neighbours]
+        order = np.lexsort((rows, angles))[:k]
+        return angles[order], rows[order]

@@ -112,8 +112,8 @@ def test_what_has_no_number_is_flat_and_met_by_nobody():
     above, stated = (next(s for s in paper.STATEMENTS if s.relation == r) for r in ("above", "is"))
     assert above.met(np.nan) is False
     assert stated.verdict(np.nan) == ""
-    points = [paper.STATEMENTS[0].row(np.nan)]
-    text = paper.report({"figures": {"4a": {"points": points}}, "sizes": []})
+    points = [statement.row(np.nan) for statement in paper.STATEMENTS]
+    text = paper.report({"figures": {"all": {"points": points}}, "sizes": []})
     assert text.splitlines()[1].split()[-2:] == ["2", "flat"]
 
 
@@ -267,33 +267,8 @@ def test_the_statements_are_marked_in_their_panels():
     }
 
 
-def test_ctrl_c_reports_what_is_complete(tmp_path):
-    program = [*command_line.PROGRAM, "study", "paper", "--output", tmp_path / "p.png"]
-    code, *streams = command_line.interrupted(program, rb"\b[1-9]\d*/\d+ .*point")
-    out, error = (text.decode() for text in streams)
-    assert code == 130, out + error
-    assert "Traceback" not in error
-    assert "interrupted" in out
-    assert "no picture" in out
-    assert re.search(r"^1 +4a +.* 2 .* \+", out, re.M)
-    assert not list(tmp_path.iterdir())
-
-
-def test_an_interrupt_keeps_the_results_before_it(scene):
-    def progress(rounds, name):
-        for i, item in enumerate(rounds):
-            if (name, i) == ("size", 2):
-                raise KeyboardInterrupt
-            yield item
-
-    result = {}
-    with pytest.raises(KeyboardInterrupt):
-        paper.reproduce(scene, 1, progress, result)
-    assert len(points_of(result)) == len(paper.STATEMENTS)
-    assert len(result["sizes"]) == 2
-    assert not any(figure["curves"] for figure in result["figures"].values())
-    assert not result["complete"]
-    text = paper.report(result)
+def test_the_tables_say_what_is_met(whole):
+    text = paper.report(whole)
     assert re.search(r"^3 +4b +planar 21 x 21, 4 m, yaw 5 deg +5 +5\.9 +\+0\.9$", text, re.M)
     assert re.search(r"^8 .* > 15 +28\.6 +met$", text, re.M)
     assert re.search(r"^5 x 5 +28\.6 +23\.9 +0\.12 +6 ", text, re.M)

@@ -10,13 +10,13 @@ the beam's width, the blur, the scaling of the five key parameters, the noise.
   uuv_array study paper --output eren2016.png  the picture where you want it
   uuv_array study paper --json                 one JSON object, including the curves
   uuv_array study paper --scene sea.yaml       your own lamp, water and sphere
-Ctrl-C ends it early and reports what is complete. docs/results/paper.md explains every figure.
+docs/results/paper.md explains every figure.
 """
 
 import argparse
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeAlias, get_args
@@ -194,28 +194,18 @@ def size_row(scene: Scene, side: int, rng: Generator) -> dict[str, Any]:
     return row
 
 
-def reproduce(
-    scene: Scene,
-    seed: int,
-    progress: Callable[[Iterable[Any], str], Iterable[Any]],
-    result: dict[str, Any],
-) -> None:
-    """Write the results into a mapping, the most important first, as the JSON has them.
-
-    An interrupt leaves those before it; `progress` wraps each loop, whose rounds it names.
-    """
+def reproduce(scene: Scene, seed: int) -> dict[str, Any]:
+    """Return statements and curves of each figure, and the sizes, as the JSON has them."""
     rng, curves = np.random.default_rng(seed), panels()
     figures: dict[str, Any] = {panel: {"points": [], "curves": []} for panel in curves}
-    result |= {"complete": False, "figures": figures, "sizes": []}
     angles = partial(angles_deg, scene)
-    for statement in progress(STATEMENTS, "point"):
+    for statement in progress.over(STATEMENTS, "point"):
         figures[statement.figure]["points"].append(statement.row(statement.ours(angles)))
-    for side in progress(SIDES, "size"):
-        result["sizes"].append(size_row(scene, side, rng))
-    for panel, at in progress([(name, at) for name in curves for at in curves[name]], "curve"):
+    sizes = [size_row(scene, side, rng) for side in progress.over(SIDES, "size")]
+    for panel, at in progress.over([(name, at) for name in curves for at in curves[name]], "curve"):
         steps = STEPS[at.motion]
         figures[panel]["curves"].append({**at.as_object(steps), "angle_deg": angles(at, steps)})
-    result["complete"] = True
+    return {"complete": True, "figures": figures, "sizes": sizes}
 
 
 def _number(ours: float) -> str:
@@ -223,26 +213,25 @@ def _number(ours: float) -> str:
 
 
 def report(result: Mapping[str, Any]) -> str:
-    """Return the tables of `reproduce`, as far as they are complete."""
+    """Return the tables of `reproduce`."""
     points = [point for figure in result["figures"].values() for point in figure["points"]]
     rows: list[tuple[object, ...]] = [("no.", "fig", "spectral angle (deg)", "paper", "ours", "")]
-    for i, (said, point) in enumerate(zip(STATEMENTS, points, strict=False), 1):
+    for i, (said, point) in enumerate(zip(STATEMENTS, points, strict=True), 1):
         ours, verdict = _number(point["ours_deg"]), f"{said.verdict(point['ours_deg']):4}"
         rows.append((i, said.figure, said.text, said.label, ours, verdict))
-    lines = [columns(rows, 3)]
-    if result["sizes"]:
-        shown = f"the least move that shows {THRESHOLD_DEG:g} deg there;"
-        noise = "and the angle between two readings of one pose, with 10 bits and 1 count of noise."
-        lines += ["", f"Curved arrays: angles at 4 m; {shown}", noise]
-        heads = ("0.2 m", "10 deg", "shift (m)", "yaw (deg)", "noise 4 m", "noise 8 m")
-        rows = [("detectors", *heads)]
-        for size in result["sizes"]:
-            side, at_shift, shift, at_yaw, yaw, *noisy_deg = size.values()
-            least = ["none" if step is None else f"{step:g}" for step in (shift, yaw)]
-            angles = _number(at_shift), _number(at_yaw)
-            rows.append((f"{side} x {side}", *angles, *least, *map(_number, noisy_deg)))
-        lines.append(columns(rows))
-    return "\n".join(lines)
+    heads = ("0.2 m", "10 deg", "shift (m)", "yaw (deg)", "noise 4 m", "noise 8 m")
+    by_size: list[tuple[object, ...]] = [("detectors", *heads)]
+    for size in result["sizes"]:
+        side, at_shift, shift, at_yaw, yaw, *noisy_deg = size.values()
+        least = ["none" if step is None else f"{step:g}" for step in (shift, yaw)]
+        angles = _number(at_shift), _number(at_yaw)
+        by_size.append((f"{side} x {side}", *angles, *least, *map(_number, noisy_deg)))
+    return f"""\
+{columns(rows, 3)}
+
+Curved arrays: angles at 4 m; the least move that shows {THRESHOLD_DEG:g} deg there;
+and the angle between two readings of one pose, with 10 bits and 1 count of noise.
+{columns(by_size)}"""
 
 
 BESIDE: Any = {"loc": "upper left", "bbox_to_anchor": (1, 1), "fontsize": 9, "frameon": False}
@@ -314,16 +303,8 @@ def run(args: argparse.Namespace) -> int:
     """Compute, print and draw."""
     scene = options.scene_of(args)
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
-    result: dict[str, Any] = {"scene": scene.name, "seed": SEED, "picture": None}
-    try:
-        reproduce(scene, SEED, progress.over, result)
-    except KeyboardInterrupt:
-        if not result["figures"]["4a"]["points"]:
-            raise
-    if result["complete"]:
-        result["picture"] = str(output)
-        save(draw(result["figures"], scene.name), output)
-    picture = f"picture: {output}" if result["picture"] else "no picture"
-    text = f"Eren et al. (2016) and scene {scene.name}\n\n{report(result)}\n\n{picture}"
-    missing = "the tables end where the work ended"
-    return outputs.finish(args, result, text, result["complete"], missing)
+    about = {"scene": scene.name, "seed": SEED, "picture": str(output)}
+    result = {**about, **reproduce(scene, SEED)}
+    save(draw(result["figures"], scene.name), output)
+    text = f"Eren et al. (2016) and scene {scene.name}\n\n{report(result)}\n\npicture: {output}"
+    return outputs.finish(args, result, text)

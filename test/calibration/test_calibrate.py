@@ -4,6 +4,7 @@ import functools
 import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from matplotlib.figure import Figure
 from needs import rosbags
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.commands.calibrate import draw_calibration
 from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -352,3 +354,28 @@ def test_it_reports_and_draws_without_ros_and_names_the_extra_that_it_needs(bag,
     assert failed.returncode == 1
     assert len(failed.stderr.strip().splitlines()) == 1
     assert "-m pip install 'rosbags>=0.10'" in failed.stderr
+
+
+def test_the_picture_shows_which_detector_and_which_images_are_not_explained():
+    rng, shape = np.random.default_rng(1), (400, 2 * 9)  # of two lamps
+    residuals = rng.standard_normal(shape)
+    residuals[:, [5, 14]] *= 1.5
+    residuals[300:] += 0.5
+    used, uncensored = np.ones(shape, bool), rng.uniform(size=shape) < 0.8
+    used[7], uncensored[7], residuals[7] = False, False, 3
+    result = SimpleNamespace(residuals=residuals, used=used, uncensored=uncensored, gains=np.eye(3))
+    poses = np.column_stack([-np.linspace(3, 8, 400), *np.zeros((4, 400))])
+    recording = SimpleNamespace(seconds=100 + np.arange(400), poses=poses)
+    by_detector, by_time, by_range, *_ = draw_calibration(result, recording, "title").axes
+    (mesh,) = by_detector.collections
+    wanted = np.ones((3, 3))
+    wanted[1, 2] = 1.5
+    np.testing.assert_allclose(mesh.get_array()[[0, 2]], wanted[[0, 2]], atol=0.15)
+    assert mesh.get_array()[1, 2] == mesh.get_array().max() == pytest.approx(1.5, abs=0.15)
+    for axes, last in ((by_time, 399), (by_range, 8)):
+        rms, mean, left_out = (line.get_ydata() for line in axes.lines[:3])
+        assert axes.lines[0].get_xdata()[-1] == last
+        assert np.nanmean(rms[:300]) == pytest.approx(1.05, abs=0.05)
+        assert np.nanmean(mean[300:]) - np.nanmean(mean[:300]) == pytest.approx(0.5, abs=0.1)
+        assert np.flatnonzero(np.isfinite(left_out)).tolist() == [7]
+        assert left_out[7] == 3

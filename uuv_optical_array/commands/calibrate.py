@@ -27,18 +27,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from scipy.stats import norm
+from numpy.typing import NDArray
 
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
 from uuv_optical_array.cli import bag, options, outputs, progress
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.forward.light import HALF_SQUARE, RANGE
-from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
-from uuv_optical_array.plots.style import array_image, new_figure, save, signed
+from uuv_optical_array.plots.style import array_image, new_figure, save
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.places import LEAST_STD, with_places
 
@@ -47,12 +45,7 @@ STDS = {
     "attitude": Quantity("of pitch and yaw", "deg", 0, 90),
 }
 SHOWN_IMAGES = 5
-DOTS = 1500  # readings that are drawn; the means are those of all
-BINS = 20
-LEAST = 10  # readings in a bin that is drawn
-EDGE = 4.0  # standard deviations; outliers beyond are drawn at the edge
-DOT, BIN, OUT = "#7f9fbf", "#c8401e", "#111111"
-RESIDUAL = "residual (std of a reading)"
+EDGE = 4.0  # standard deviations; residuals beyond are drawn there
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -160,87 +153,41 @@ def as_json(result: Calibration, recording: Recording) -> dict[str, Any]:
     }
 
 
-def _draw_residuals(
-    axes: Any, across: Array, result: Calibration, label: str, log: bool = False
-) -> None:
-    """Draw residuals against another quantity, and the mean of each bin with its standard error."""
-    uncensored, residuals = result.uncensored, result.residuals
-    x, y = across[uncensored], residuals[uncensored]
-    order = np.argsort(x)
-    some = order[:: max(1, len(x) // DOTS)]  # spread along the axis as all of them are
-    axes.plot(x[some], y[some], ".", ms=2, color=DOT, alpha=0.5, zorder=1, rasterized=True)
-    out = ~result.used & np.resize(np.isfinite(result.gain_std), result.used.shape[1])
-    if out.any():
-        edge = np.clip(residuals[out], -EDGE, EDGE)
-        axes.plot(across[out], edge, "x", ms=5, color=OUT, label="left out", zorder=3)
-    if log:
-        axes.set_xscale("log")
-    if len(x):
-        # Each bin has as many readings, so that the means have the same standard error.
-        parts = [part for part in np.array_split(order, BINS) if len(part) >= LEAST]
-        middle = [np.median(x[part]) for part in parts]
-        mean = [y[part].mean() for part in parts]
-        error = [2 * y[part].std() / np.sqrt(len(part)) for part in parts]
-        look = {"fmt": "o-", "color": BIN, "ms": 3.5, "lw": 1, "capsize": 2, "zorder": 4}
-        axes.errorbar(middle, mean, error, label="mean of a bin\n± 2 std errors", **look)
-        if log:
-            drawn = across[uncensored | out]
-            axes.set_xlim(drawn.min() / 1.1, drawn.max() * 1.1)
-    axes.axhline(0, color="k", lw=0.8)
-    axes.set(xlabel=label, ylabel=RESIDUAL, ylim=(-EDGE - 0.3, EDGE + 0.3))
-    axes.grid(alpha=0.3)
-
-
-def _draw_histogram(axes: Any, result: Calibration) -> None:
-    """Draw the distribution of the residuals beside the normal one."""
-    residuals = result.residuals[result.uncensored]
-    edges = np.linspace(-EDGE, EDGE, 61).tolist()
-    axes.hist(np.clip(residuals, -EDGE, EDGE), edges, density=True, color=DOT, label="residuals")
-    x = np.linspace(-EDGE, EDGE, 241)
-    axes.plot(x, norm.pdf(x), color=BIN, lw=1.5, label="standard normal")
-    title = f"mean square {result.misfit:.2f}; 1 where the model explains the data"
-    axes.set(xlabel=RESIDUAL, ylabel="density", title=title, xlim=(-EDGE, EDGE))
-    axes.legend(fontsize=8, loc="upper right")
-    axes.grid(alpha=0.3)
-
-
-def _draw_gains(figure: Any, axes: Any, result: Calibration) -> None:
-    """Draw the gains, in per cent of the mean, with their standard errors."""
-    off = 100 * (result.gains - 1)
-    known = np.isfinite(result.gain_std)
-    limit = max(1.0, float(np.abs(off[known]).max(initial=0)))  # 0.0 % is pale
-    shown = np.where(known, off, np.nan)
-    axes.patch.set(facecolor="0.85", hatch="xx", edgecolor="0.6")
-    mesh = array_image(axes, shown, cmap="RdBu_r", vmin=-limit, vmax=limit)
-    side = len(off)
-    if side <= 9:
-        for (row, column), value in np.ndenumerate(shown):
-            colour = "white" if abs(value) > 0.6 * limit else "black"
-            if np.isfinite(value):
-                text = f"{signed(value, 1)}\n±{100 * result.gain_std[row, column]:.2f}"
-                axes.text(column, row, text, ha="center", va="center", fontsize=8, color=colour)
-    figure.colorbar(mesh, ax=axes, label="gain (% off the mean), ± std error")
-    note = "" if known.any() else ": as they were"
-    axes.set(xlabel="column, to starboard", ylabel="row, downwards", title=f"gains{note}")
+def _mean(values: Array, where: NDArray[np.bool_], axis: int) -> Array:
+    """Return means of what counts; nan where nothing does."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where(where, values, 0).sum(axis) / where.sum(axis))
 
 
 def draw_calibration(result: Calibration, recording: Recording, title: str) -> Any:
-    """Draw residuals against counts, range, angle and time, their distribution, and the gains."""
-    rays = ForwardModel(result.scene).rays(recording.poses, recording.rolls)
-    times = (recording.seconds - recording.seconds.min())[:, None]
-    figure = new_figure(16, 9)
-    grid = figure.subplots(2, 3).ravel()
-    for axes, across, label in (
-        (grid[0], np.maximum(result.mean, 0.1), "expected reading (counts)"),
-        (grid[1], rays[RANGE], "range from lamp to detector (m)"),
-        (grid[2], np.degrees(np.sqrt(2 * rays[HALF_SQUARE])), "angle off the beam's axis (deg)"),
-        (grid[3], np.broadcast_to(times, result.mean.shape), "time in the bag (s)"),
-    ):
-        _draw_residuals(axes, across, result, label, log=axes is grid[0])
-    _draw_histogram(grid[4], result)
-    _draw_gains(figure, grid[5], result)
-    grid[0].legend(fontsize=8, loc="upper left")
-    figure.suptitle(title, fontsize=13)
+    """Draw residuals by detector, and those of images along the drive and by range."""
+    figure = new_figure(15, 5.6)
+    by_detector, *along = figure.subplots(1, 3)
+    residuals, fitted = np.clip(result.residuals, -EDGE, EDGE), result.uncensored
+    left_out = ~result.used & result.used.any(axis=0)
+    shape = -1, *result.gains.shape  # with detectors that never read right
+    squares = _mean(residuals.reshape(shape) ** 2, (fitted | ~result.used).reshape(shape), 0)
+    mesh = array_image(by_detector, np.sqrt(squares), vmin=0, vmax=EDGE / 2)
+    figure.colorbar(mesh, ax=by_detector, label="RMS residual; 1 where the model explains it")
+    by_detector.set(xlabel="column, to starboard", ylabel="row, downwards")
+    of_images = (
+        ("RMS of an image", "o", "#1f6fb4", np.sqrt(_mean(residuals**2, fitted, 1))),
+        ("its mean", "o", "#c8401e", _mean(residuals, fitted, 1)),
+        ("RMS of what was left out", "x", "k", np.sqrt(_mean(residuals**2, left_out, 1))),
+    )
+    seconds = recording.seconds - recording.seconds.min()
+    ranges = np.linalg.norm(recording.poses[:, :3], axis=1)
+    places = (seconds, "time in the bag (s)"), (ranges, "range from lamp to base_link (m)")
+    for axes, (across, label) in zip(along, places, strict=True):
+        for name, marker, colour, values in of_images:
+            axes.plot(across, values, marker, color=colour, ms=3.5, label=name)
+        for level in (0, 1):
+            axes.axhline(level, color="k", lw=0.8)
+        axes.set(xlabel=label, ylim=(-2, EDGE + 0.2))
+        axes.grid(alpha=0.3)
+    along[0].set_ylabel("residual (std of a reading)")
+    along[0].legend(loc="upper left", fontsize=9)
+    figure.suptitle(title)
     return figure
 
 

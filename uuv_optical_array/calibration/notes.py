@@ -32,12 +32,29 @@ LEAST_AIM, SURE = 0.002, 3.0  # rad, and standard errors, off a frame, from wher
 LITTLE, HARDLY = 0.8, "hardly by the images"  # of the error of a tape
 MOVED_M = 0.1  # of the place that a tape tells
 CHECK = "check --odometry-axes, --beacon-position, array.wiring and the topics"
-ENOUGH = "are enough: record more images, with a brighter lamp, while you weave and turn"
+MORE = "record more images, with a brighter lamp, while you weave and turn"
 
 
 def advice(fit: CalibrationFit, kind: int) -> str:
     """Say what to record so that a parameter, or the gains, can be determined."""
-    return KINDS[kind].cure or (_wider_ranges(fit) if kind == K else _wider_angles(fit))
+    if cure := KINDS[kind].cure:
+        return cure
+    rows = _lit(fit, RANGE if kind == K else HALF_SQUARE)
+    if not len(rows):
+        return "no detector saw the lamp"
+    if kind == K:
+        near, far = rows.min(), rows.max()
+        enough = far >= RANGE_FACTOR * near
+        there = f"{near:.2f} to {far:.2f} m from the lamp, a factor of {far / near:.2f}"
+        cure = f"record ranges that differ by a factor of {RANGE_FACTOR:g} or more"
+    else:
+        largest = np.degrees(np.sqrt(2 * rows.max()))
+        wanted = BEAM_SIGMAS * np.exp(fit.state.at.parameters[SIGMA])
+        enough = largest >= wanted
+        there = f"up to {largest:.1f} deg off the beam's axis"
+        cure = f"record poses up to {wanted:.0f} deg off the beam's axis"
+    lit = f"lit detectors were {there}"
+    return f"{lit}, which is enough: {MORE}" if enough else f"{cure}; here {lit}"
 
 
 def _lit(fit: CalibrationFit, row: int) -> Array:
@@ -49,35 +66,6 @@ def _lit(fit: CalibrationFit, row: int) -> Array:
     lit = likelihood.used & (lamp > np.sqrt(state.variance))
     rays = ForwardModel(likelihood.scene).rays(likelihood.poses, likelihood.rolls)
     return np.asarray(rays[row][lit])
-
-
-def _wider_ranges(fit: CalibrationFit) -> str:
-    """Say which ranges determine the attenuation, beside those on record."""
-    ranges = _lit(fit, RANGE)
-    if not len(ranges):
-        return "no detector saw the lamp"
-    near, far = ranges.min(), ranges.max()
-    recorded = f"{near:.2f} to {far:.2f} m, a factor of {far / near:.2f}"
-    if far >= RANGE_FACTOR * near:
-        return f"the ranges of lit detectors, {recorded}, {ENOUGH}"
-    return (
-        f"record ranges that differ by a factor of {RANGE_FACTOR:g} or more; here those of lit "
-        f"detectors run from {recorded}"
-    )
-
-
-def _wider_angles(fit: CalibrationFit) -> str:
-    """Say which angles determine the beam's width, beside those on record."""
-    angles = np.degrees(np.sqrt(2 * _lit(fit, HALF_SQUARE)))
-    if not len(angles):
-        return "no detector saw the lamp"
-    largest, wanted = angles.max(), BEAM_SIGMAS * np.exp(fit.state.at.parameters[SIGMA])
-    if largest >= wanted:
-        return f"the angles of lit detectors off the beam's axis, up to {largest:.1f} deg, {ENOUGH}"
-    return (
-        f"record poses up to {wanted:.0f} deg off the beam's axis; here the farthest lit detector "
-        f"was {largest:.1f} deg off it"
-    )
 
 
 def refusal(fit: CalibrationFit, fit_noise: bool) -> str:

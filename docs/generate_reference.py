@@ -19,6 +19,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from causes import CAUSES
 from drawings import geometry
 from drawings import nodes as nodes_and_topics
 from scene_schema import scene_schema
@@ -340,18 +341,15 @@ def diagnostics() -> list[str]:
     ]
 
 
-def reason_lists(kinds: Mapping[str, reasons.Reason]) -> list[str]:
-    """Return a list of reasons, and one for each cure that many of them share."""
-    counts = Counter(reason.cure for reason in kinds.values())
-    common = [cure for cure, count in counts.items() if count > 2]
+def reason_lists(cures: Mapping[str, str]) -> list[str]:
+    """Return a list of causes and cures, and one for each cure that many kinds share."""
+    common = [cure for cure, count in Counter(cures.values()).items() if count > 2]
     lines = [
-        f"- `{kind}`: {reason.cause} *{reason.cure}*"
-        for kind, reason in kinds.items()
-        if reason.cure not in common
+        f"- `{kind}`: {CAUSES[kind]} *{cure}*" for kind, cure in cures.items() if cure not in common
     ]
     parts = ["\n".join(lines)]
     for cure in common:
-        causes = [f"- `{kind}`: {one.cause}" for kind, one in kinds.items() if one.cure == cure]
+        causes = [f"- `{kind}`: {CAUSES[kind]}" for kind in cures if cures[kind] == cure]
         parts += [f"*{cure}*", "\n".join(causes)]
     return parts
 

@@ -68,6 +68,10 @@ def test_every_text_in_the_code_is_of_a_kind_in_the_list():
     assert {kind: at for kind, at in found.items() if not kind_of(kind)}.keys() == NEVER_SHOWN
 
 
+def test_the_documents_have_a_cause_of_every_kind_and_of_no_other():
+    assert reference.CAUSES.keys() == reasons.CURES.keys()
+
+
 def test_every_kind_in_the_list_is_in_the_code():
     code = "".join(
         path.read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from rclpy.clock import Clock, ClockType  # type: ignore[attr-defined]
 from rclpy.node import Node
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.nodes.shared.reasons import REASONS, kind_of
+from uuv_optical_array.nodes.shared.reasons import CURES, kind_of
 
 PERIOD_S = 1.0
 WINDOW = 5  # periods that the rate is counted over
@@ -142,7 +142,7 @@ class Diagnostics:
             **{name: str(count) for name, count in self.totals.items()},
             **self._ages(),
             **self._values(),
-            **{f"cure: {kind}": REASONS[kind].cure for kind in map(kind_of, reasons) if kind},
+            **{f"cure: {kind}": CURES[kind] for kind in map(kind_of, reasons) if kind},
         }
         status = DiagnosticStatus(
             level=level,

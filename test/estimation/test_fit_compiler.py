@@ -4,6 +4,7 @@ import fcntl
 import importlib.util
 import os
 import select
+import shutil
 import signal
 import sys
 
@@ -14,6 +15,7 @@ from conftest import PATIENCE_S
 from needs import numba
 from scenes import assert_same_estimate
 
+from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation import fit_compiler
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
@@ -115,6 +117,13 @@ print(len(stats.cache_hits), len(stats.cache_misses))
 """
 
 
+STATE = """
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.estimation.estimator import Estimator
+print(Estimator(load_scene({scene!r})).wait().state_of_fit)
+"""
+
+
 def run(program, **environment):
     return python(program, env={**os.environ, **environment})
 
@@ -126,6 +135,19 @@ def test_the_process_fills_the_cache_from_which_others_load(scene_file):
     hits, misses = map(int, ran.stdout.split())
     assert hits > 0
     assert misses == 0
+
+
+@numba
+def test_where_a_kept_file_is_damaged_the_fit_as_it_stands_goes_on(
+    tmp_path, compiled_fit, scene_file
+):
+    kept = compilation.cache_folder()
+    shutil.copytree(kept, tmp_path / "compiled" / kept.name)
+    for path in tmp_path.rglob("*.nbi"):
+        path.write_bytes(path.read_bytes()[:10])
+    ran = run(STATE.format(scene=scene_file), NUMBA_CACHE_DIR=str(tmp_path))
+    assert ran.stdout.startswith("as it stands: ")
+    assert f"; delete {tmp_path / 'compiled' / kept.name} to compile anew" in ran.stdout
 
 
 @numba

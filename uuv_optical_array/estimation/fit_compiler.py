@@ -26,13 +26,13 @@ sys.path[:] = {path!r}
 from {module} import fill_cache
 fill_cache()"""
 LOAD_S = 5.0  # longest that an estimator waits for what is compiled already
-FIT, EXAMPLE = f"fit{compilation.DONE}", "reference"  # it is the same in every scene
+DONE, EXAMPLE = "fit.done", "reference"  # it is the same in every scene
 
 
 def is_compiled() -> bool:
     """Say whether `compile_fit` has only to load what it finds on disk."""
     folder = compilation.cache_folder()
-    return folder is not None and (folder / FIT).exists()
+    return folder is not None and (folder / DONE).exists()
 
 
 def compile_fit() -> None:
@@ -45,7 +45,7 @@ def compile_fit() -> None:
         )
     model = ForwardModel(load_scene(EXAMPLE))
     ImageFit(model, constants_of(model), candidates=1, max_misfit=0.5, compiled=True)
-    (folder / FIT).touch()
+    (folder / DONE).touch()
 
 
 def fill_cache() -> None:
@@ -120,6 +120,9 @@ class FitCompiler:
                 compile_fit()
             except (ValueError, OSError) as error:
                 failure = str(error)
+            except Exception as error:  # of any kind, where a file is damaged
+                what = f"{type(error).__name__}: {error}"
+                failure = f"{what}; delete {compilation.cache_folder()} to compile anew"
         self.failure, self.done = failure, True
 
 

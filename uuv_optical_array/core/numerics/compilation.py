@@ -12,12 +12,11 @@ import hashlib
 import importlib
 import importlib.metadata
 import importlib.util
-import io
 import os
 import shutil
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import CellType, CodeType, FunctionType
@@ -29,7 +28,6 @@ from uuv_optical_array.core.storage import files
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 SOURCES = ("core", "forward", "estimation")  # the folders whose functions may be compiled
 KEPT = 8  # caches of other versions of the package that are left on disk
-DONE = ".done"  # how the names of files end that say, in the folder, what need not be compiled
 
 
 def installed() -> bool:
@@ -45,8 +43,17 @@ def compiled(function: Callable[..., Any]) -> Any:
     - ValueError: where Numba is not installed, or not for this NumPy.
     """
     numba, twin, options = _prepared(function, inner=False)
-    with _kept_on_disk(numba) as kept:
-        return numba.njit(cache=kept, **options)(twin)
+    folder = cache_folder()
+    with _SETTING:
+        before = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(folder or before)
+        try:
+            return numba.njit(cache=folder is not None, **options)(twin)
+        finally:
+            numba.config.CACHE_DIR = before
+
+
+_SETTING = threading.Lock()
 
 
 def prepare(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
@@ -122,78 +129,18 @@ def _names(code: CodeType) -> set[str]:
     return set(code.co_names).union(*(_names(const) for const in inner))
 
 
-@contextlib.contextmanager
-def _kept_on_disk(numba: Any) -> Iterator[bool]:
-    """Let Numba keep what it compiles in `cache_folder`, with sums; yield whether it can.
-
-    Numba itself looks at the file of the function alone, not at those that it calls, and loads what
-    it finds unchecked.
-    """
-    with _SETTING:
-        config, caching, folder = numba.config, numba.core.caching, cache_folder()
-        before = config.CACHE_DIR, caching.IndexDataCacheFile
-        try:
-            if folder is not None:
-                config.CACHE_DIR, caching.IndexDataCacheFile = str(folder), _summed()
-            yield folder is not None
-        finally:
-            config.CACHE_DIR, caching.IndexDataCacheFile = before
-
-
-_SETTING = threading.RLock()
-
-
-@cache
-def _summed() -> Any:
-    """Return Numba's class of a function's files, each of which ends with the sum of the rest."""
-
-    class Summed(_numba().core.caching.IndexDataCacheFile):  # type: ignore[misc]  # untyped
-        @contextlib.contextmanager
-        def _open_for_write(self, path: str) -> Iterator[io.BytesIO]:
-            with super()._open_for_write(path) as file:
-                os.chmod(os.path.dirname(path), 0o700)
-                os.fchmod(file.fileno(), 0o600)
-                content = io.BytesIO()
-                yield content
-                file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
-
-    return Summed
-
-
-def _drop_unsound(folder: Path) -> None:
-    """Remove what is not as it was written, or not this user's; nothing passes as done then."""
-    for path in folder.glob("*/*.nb[ci]"):
-        if not _sound(path):
-            path.unlink(missing_ok=True)
-    # A folder changes with what is removed from it and what is added.
-    inner = (path.stat() for path in folder.iterdir() if path.is_dir())
-    changed = max((status.st_mtime_ns for status in inner), default=0)
-    for path in folder.glob(f"*{DONE}"):
-        if path.stat().st_mtime_ns < changed:
-            path.unlink(missing_ok=True)
-
-
-def _sound(path: Path) -> bool:
-    """Say whether a file is as it was written by this user, and others cannot write it."""
-    try:
-        data = path.read_bytes()
-        return _own(path.lstat()) and hashlib.sha256(data[:-32]).digest() == data[-32:]
-    except OSError:
-        return False
-
-
 def _own(status: os.stat_result) -> bool:
     return status.st_uid == os.geteuid() and not status.st_mode & 0o022
 
 
 @cache
 def cache_folder() -> Path | None:
-    """Return this user's folder of what was compiled from these sources, whose files are sound.
+    """Return this user's folder of what was compiled from these sources.
 
     It lies in Numba's own (``NUMBA_CACHE_DIR``) or in the user's cache; ``None`` where there is
-    none that this user alone can write. Another copy of the same sources has another folder, as
-    Numba takes a function for a new one where its file is elsewhere or newer, and so has another
-    Python or Numba.
+    none that this user alone can write. Numba itself looks at the file of a function alone, not at
+    those that it calls. Another copy of the same sources has another folder, as Numba takes a
+    function for a new one where its file is elsewhere or newer, and so has another Python or Numba.
     """
     digest = hashlib.sha256(f"{sys.implementation.cache_tag} {os.geteuid()}".encode())
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):
@@ -211,7 +158,6 @@ def cache_folder() -> Path | None:
             shutil.rmtree(folder)
         folder.mkdir(mode=0o700, exist_ok=True)
         os.utime(folder)
-        _drop_unsound(folder)
     except OSError:
         return None
     with contextlib.suppress(OSError):  # where another process tidies up too

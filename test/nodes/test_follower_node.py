@@ -93,12 +93,9 @@ def test_a_pose_waits_for_nothing_that_can_come_later_and_the_next_frame_for_all
     for seconds, image in enumerate(images, 1):  # both before the executor has a turn
         header = Header(stamp=Time(sec=seconds), frame_id="rov/array")
         rov.feature.on_image(image_to_message(image, header))
-    rest = ["track", "odometry", "command", "features"]
-    first, second = done[: len(rest) + 1], done[len(rest) + 1 :]
-    assert second == ["pose"]
-    assert first[0] == "pose"
-    assert sorted(first[1:]) == sorted(rest)
-    rov.lab.until(lambda: sorted(done[len(first) + 1 :]) == sorted(rest), "the rest")
+    at_once, rest = ["pose", "features"], ["track", "odometry", "command"]
+    assert done == [*at_once, *rest, *at_once]
+    rov.lab.until(lambda: done == 2 * [*at_once, *rest], "the rest")
 
 
 def test_of_images_that_wait_the_newest_is_served_and_the_others_are_counted(rov, scene):

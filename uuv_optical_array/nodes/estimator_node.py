@@ -39,7 +39,6 @@ from uuv_optical_array.nodes.shared import markers, messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.node import (
     LASTING,
-    Afterwards,
     publish,
     run,
     subscribe,
@@ -115,7 +114,7 @@ class EstimatorNode(Node):
         self.model = ForwardModel(self.scene)
         self.extent = np.transpose([(axis[0], axis[-1]) for axis in grid_axes(self.scene.table)])
         self.order = messages.StampOrder()
-        self.afterwards = Afterwards(self)
+        self.rest: Callable[[], None] | None = None  # of the last frame, once its pose is out
         self.diagnostics = Diagnostics(self)
         self.waiting: dict[int, dict[str, Any]] = {}
         self.state_of_fit = ""
@@ -195,7 +194,7 @@ class EstimatorNode(Node):
             if settings.method != FIT:
                 source = estimator.table  # the next one need not build it again
         # Nothing is refused from here on.
-        self.afterwards.finish()
+        self.finish()
         self.source = source
         if estimator is not None:
             if self.pipeline is None:
@@ -260,7 +259,7 @@ class EstimatorNode(Node):
 
         The key parameters are ``None`` where there is no light.
         """
-        self.afterwards.finish()
+        self.finish()
         with self.diagnostics.refusing():
             if self.pipeline is None:
                 raise Refused("no table: see the error")
@@ -277,8 +276,15 @@ class EstimatorNode(Node):
             header = Header(stamp=header.stamp, frame_id=self.beacon_frame)
             pose = messages.pose_to_message(estimate.pose, covariance, header, roll)
             if self.poses.publish(pose):
-                follow_up = partial(self.follow_up, self.pipeline, estimate, pose, roll)
-                self.afterwards(follow_up)
+                self.rest = partial(self.follow_up, self.pipeline, estimate, pose, roll)
+                if self.executor is not None:  # a node of the same process hears the pose first
+                    self.executor.create_task(self.finish)
+
+    def finish(self) -> None:
+        """Do the rest of the last frame now, as the next may need it."""
+        rest, self.rest = self.rest, None
+        if rest is not None:
+            rest()
 
     def follow_up(
         self, pipeline: Pipeline, estimate: Estimate, pose: PoseWithCovarianceStamped, roll: float

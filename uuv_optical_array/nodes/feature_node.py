@@ -20,7 +20,7 @@ from uuv_optical_array.estimation.signature.plausibility import check_full_scale
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared import messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
-from uuv_optical_array.nodes.shared.node import Afterwards, publish, run, subscribe
+from uuv_optical_array.nodes.shared.node import publish, run, subscribe
 from uuv_optical_array.nodes.shared.parameters import Parameters, parameters_of, shared
 
 PARAMETERS = {**shared("scene"), **parameters_of(FeatureSettings)}
@@ -42,13 +42,11 @@ class FeatureNode(Node):
         self.order = messages.StampOrder()
         self.diagnostics = Diagnostics(self)
         self.features = publish(self, PointCloud2, "array/features")
-        self.afterwards = Afterwards(self)
         self.hand_over = hand_over
         subscribe(self, Image, "array/image", self.on_image, newest=hand_over is not None)
 
     def on_image(self, message: Image) -> None:
         """Publish the key parameters of one image."""
-        self.afterwards.finish()
         with self.diagnostics.refusing():
             self.order.check(message.header, self.get_clock().now().nanoseconds)
             image = image_from_message(message, self.scene.array, self.scene.lamp_count)
@@ -57,19 +55,12 @@ class FeatureNode(Node):
             if no_light := no_pattern(image, least):
                 self.diagnostics.refuse(no_light)
             parameters = None if no_light else scene_parameters(image, self.scene)
-            rest = partial(self.publish_result, message.header, parameters, image)
-            if self.hand_over is None:
-                rest()
-            else:
+            if self.hand_over is not None:
                 self.hand_over(message.header, parameters, image)
-                self.afterwards(rest)
-
-    def publish_result(self, header: Header, parameters: Array | None, image: Array) -> None:
-        """Publish the key parameters of an image, or that it has none."""
-        if self.features.heard:
-            self.features.publish(messages.features_to_message(parameters, header))
-        if parameters is not None:
-            self.diagnostics.answer(stamp_ns(header), lambda: self.figures(image))
+            if self.features.heard:
+                self.features.publish(messages.features_to_message(parameters, message.header))
+            if parameters is not None:
+                self.diagnostics.answer(stamp_ns(message.header), lambda: self.figures(image))
 
     def figures(self, image: Array) -> dict[str, str]:
         """Return what the diagnostics show of an image."""

@@ -65,28 +65,6 @@ def publish(node: Any, message_type: type, topic: str, qos: QoSProfile = USUAL) 
     return FinitePublisher(node, publisher)
 
 
-class Afterwards:
-    """Does the work of a node that a published message need not wait for.
-
-    A node of the same process hears the message first, as it has the thread before this work.
-    """
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._left: list[Callable[[], None]] = []
-
-    def __call__(self, work: Callable[[], None]) -> None:
-        """Have work done by the executor, soon."""
-        self._left.append(work)
-        if self._node.executor is not None:
-            self._node.executor.create_task(self.finish)
-
-    def finish(self) -> None:
-        """Do what is left now, as the next message may need it."""
-        while self._left:
-            self._left.pop(0)()
-
-
 def subscribe(
     node: Any, message_type: type, topic: str, callback: Callable[[Any], None], newest: bool = False
 ) -> Subscription:

@@ -46,7 +46,8 @@ class Trajectory:
         instant after the last record; LookupError for one before the first, or inside a gap.
         """
         if not self._samples or stamp_ns > self._samples[-1][0]:
-            raise TooEarly
+            late = "it is later than every pose on record"
+            raise TooEarly(late if self._samples else "there is none")
         later = bisect_left(self._samples, stamp_ns, key=lambda sample: sample[0])
         stamp, position, quaternion = self._samples[later]
         if stamp == stamp_ns:

@@ -83,12 +83,9 @@ class _Stream:
         def at(stamp: int) -> tuple[Array, Array]:
             try:
                 return trajectory.at(stamp)
-            except TooEarly:
-                late = "it is later than every pose on record"
-                reason = late if self.samples else "there is none"
-            except LookupError as error:
+            except (TooEarly, LookupError) as error:
                 reason = str(error).partition(" of ")[0]  # without the length of a gap
-            raise Refused(f"no {self.topic} at its stamp: {reason}")
+                raise Refused(f"no {self.topic} at its stamp: {reason}") from None
 
         return at
 

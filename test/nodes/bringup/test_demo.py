@@ -26,7 +26,7 @@ def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
         pose.pose.pose.orientation.w = 1.0
         recorder.on_follower(odometry(tenths * 10**8, [-6.0, 0.0, 0.0]))
         recorder.on_image(image_to_message(np.full((5, 5), tenths), header))
-        recorder.on_truth(header, np.full(5, -tenths))
+        recorder.add(record.truth, header, np.full(5, -tenths))
         recorder.on_pose(pose)
 
     for tenths in range(1, 7):

@@ -73,10 +73,6 @@ class RecorderNode(Node):
             self.started_ns = stamp_ns(message.header)
         self.add(self.record.leader_path, message.header, odometry_pose(message)[0])
 
-    def on_truth(self, header: Header, pose: Array) -> None:
-        """Record the true pose of an image."""
-        self.add(self.record.truth, header, pose)
-
     def on_follower(self, message: Odometry) -> None:
         """Record the follower's position."""
         self.add(self.record.follower_path, message.header, odometry_pose(message)[0])
@@ -152,7 +148,7 @@ def follower_nodes(leader: str, options: dict[str, Any]) -> tuple[RecorderNode, 
     simulator, formation = SimulatorNode(**options), FormationNode(**options)
     record = FollowRecord(tuple(formation.parameters["station_m"]))
     recorder = RecorderNode(record, simulator.scene, leader, **options)
-    simulator.hand_over = recorder.on_truth
+    simulator.hand_over = partial(recorder.add, record.truth)
     nodes = [formation, recorder, simulator, FeatureNode(**options), EstimatorNode(**options)]
     return recorder, nodes
 

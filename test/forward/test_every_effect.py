@@ -173,5 +173,5 @@ def test_compiled_light_and_slopes_are_those_of_numpy(name, data):
         (found.light, plain.light),
         *zip(found.slopes.T, plain.slopes.T, strict=True),
     ):
-        # At the foot of a narrow housing 1e-12 of the light are rounding, and their slopes are steep.
+        # At the foot of a narrow housing the light is rounding, and its slopes are steep.
         assert (np.abs(ours - theirs) <= 1e-12 * np.abs(theirs).max() + 1e-9).all()

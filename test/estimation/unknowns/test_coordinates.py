@@ -15,6 +15,7 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     CoordinateFrame,
     frame_of,
     from_pose,
+    quarter_turn,
     to_lamp,
     write_slopes,
 )
@@ -121,7 +122,7 @@ def test_the_lookalikes_of_a_planar_array_look_alike(turn):
     image = model.light(pose)
     coordinates, others = from_pose(frame, pose, 0.0), []
     for _ in range(4):
-        coordinates[3:] = coordinates[4], -coordinates[3]
+        coordinates[3:] = quarter_turn(*coordinates[3:])
         others.append(lamp_and_pose(frame, coordinates, 0.0)[1])
     np.testing.assert_allclose(others.pop(), pose, rtol=1e-9, atol=1e-9)  # four are a whole turn
     naive = np.array([[*pose[:3], -turn[0], -turn[1]], [*pose[:3], turn[1], -turn[0]]])

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import PITCH, YAW, Array
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.least_squares.faults import leave_out
 from uuv_optical_array.estimation.least_squares.posterior import (
@@ -35,6 +35,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     start_at,
 )
 from uuv_optical_array.estimation.signature.features import write_parameters
+from uuv_optical_array.estimation.unknowns.coordinates import quarter_turn
 
 MOST_STARTS = 64
 # So few lit detectors fit many poses, and all starts are tried at once.
@@ -205,6 +206,11 @@ def find_minima(
         steps = MOST_STEPS if count == guide.candidates else FEW_STEPS
         for i in range(tried, count):
             descend(problem, minima, start_at(problem, guide.poses[rows[i]]), steps)
+        if first and problem.frame.share > 0 and len(minima) > 0:
+            start = minima[0].parts[AT].copy()
+            for _ in range(3):
+                start[PITCH], start[YAW] = quarter_turn(start[PITCH], start[YAW])
+                insert(minima, refine(problem, start, MOST_STEPS))
         if first and rivals(minima):
             # In a long and bent valley the second may be on its way to the first.
             second = refine(problem, minima[1].parts[AT], MANY_STEPS)

@@ -42,8 +42,10 @@ def test_a_track_claims_no_more_than_errors_that_last_allow(lasting, low, high):
     assert low < np.mean(found) < high
 
 
-def test_what_a_shade_does_to_two_frames_is_one_error():
-    tracker = Tracker(TrackerSettings(common_share=0.0), constants=Constants(unclear_lasts_s=1e6))
+@pytest.mark.parametrize("names", [(), ("field_of_view.cosine_power",)])
+def test_what_a_shade_does_to_two_frames_is_one_error(names):
+    constants = Constants(names, (0.1,) * len(names), unclear_lasts_s=1e6)
+    tracker = Tracker(TrackerSettings(common_share=0.0), constants=constants)
     for k in range(2):
         track = tracker.update(START_NS + 1000 * k, STATION, NOISE, shaded=1.0)
     lasts = SHADE_SHARE * NOISE

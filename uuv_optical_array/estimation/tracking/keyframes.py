@@ -32,7 +32,7 @@ from uuv_optical_array.estimation.tracking.belief import Biases, BiasSpace
 from uuv_optical_array.estimation.tracking.measurement import Measurement
 from uuv_optical_array.estimation.unknowns.joint_coordinates import AsTheyAre
 
-EVERY_S = 0.1  # between keyframes, at first
+EVERY_S = 0.09  # between keyframes, at first: ten a second, of stamps that vary a little
 NEW_PLACE = 1.0  # from the last keyframe, in standard deviations of the pose of one frame
 MOST_READINGS = 12_000
 # Older ones than this share of the time in which biases drift are left out, but of so few.

@@ -156,8 +156,8 @@ def _measured(scene: Scene, folder: Path) -> tuple[Path | None, Any, list[Measur
     here = tradeoff.origin_of(scene, "quick")
     machine = "".join(letter if letter.isalnum() else "-" for letter in here["machine"])
     name = f"{scene.name}-{scene.fingerprint[:16]}-{machine}"
-    kept = files.cache_dir() / "tradeoff" / name
-    for path in (folder / SETTINGS_CSV, kept / SETTINGS_CSV):
+    kept = files.cache_dir() / "tradeoff" / name / SETTINGS_CSV
+    for path in (folder / SETTINGS_CSV, kept):
         there, rows = read(path, Measurement)
         if there and all(there.get(name) == here[name] for name in ("fingerprint", "machine")):
             return path, there["frames"], rows
@@ -166,9 +166,9 @@ def _measured(scene: Scene, folder: Path) -> tuple[Path | None, Any, list[Measur
     rows, complete = tradeoff.measure_all(scene, "quick")
     if not complete:
         return None, here["frames"], rows
-    kept.mkdir(parents=True, exist_ok=True)
-    write(path, here, [vars(row) for row in rows])
-    return path, here["frames"], rows
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    write(kept, here, [vars(row) for row in rows])
+    return kept, here["frames"], rows
 
 
 def run(args: argparse.Namespace) -> int:

@@ -281,6 +281,7 @@ def estimate_frame(problem: Problem, guide: Guide, most_faulty: int) -> FrameRes
     best, angle, second_angle = NO_FIT, np.nan, np.nan
     runner_up, runner_up_score, wider = nothing, np.nan, False
     if most_faulty == 0 or leave_out(problem, guide.poses, guide.roots, most_faulty):
+        # Of the image once more, also where it came with them: that is less than to hand them down.
         side, parameters = guide.side, np.empty((5, 1))
         column = np.zeros((side * side, 1))  # the images of all lamps together
         for i in range(len(problem.readings)):

@@ -134,11 +134,12 @@ def test_measurements_of_elsewhere_are_not_used(field, scene, tmp_path, capsys, 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     measured = []
 
-    def measure(scene, setting, frames, seed):
-        if len(measured) == stop_after:
-            raise KeyboardInterrupt
-        measured.append((frames, seed))
-        return row(side=11, shape="planar")
+    def measure(scene, settings, frames, seed):
+        for _ in settings:
+            if len(measured) == stop_after:
+                raise KeyboardInterrupt
+            measured.append((frames, seed))
+            yield row(side=11, shape="planar")
 
     monkeypatch.setattr(tradeoff, "measure", measure)
     stop_after = 1

@@ -143,9 +143,10 @@ def test_an_array_of_another_size_is_measured_too(scene):
 
 
 def test_rows_hold_the_errors_of_the_estimators(scene):
-    settings = {method: Setting(method, "curved", 3, 4) for method in METHODS}
-    rows = {method: measure(scene, setting, 12, 5) for method, setting in settings.items()}
-    inside = settings["sam"].scene(scene)
+    settings = [Setting(method, "curved", 3, 4) for method in METHODS]
+    rows = {row.method: row for row in measure(scene, settings, 12, 5)}
+    assert len({row.build_s for row in rows.values()}) == 1  # one table for all
+    inside = settings[0].scene(scene)
     model, rng = ForwardModel(inside), np.random.default_rng([5, 3, 0])
     poses = lit_poses(model, 12, rng)
     images = model.expose(poses, rng)
@@ -195,11 +196,12 @@ def test_what_is_measured_is_written_and_drawn(tmp_path, capsys):
 def test_a_run_that_is_stopped_writes_what_it_has(tmp_path, capsys, monkeypatch, stop_after):
     done = []
 
-    def measured(scene, setting, *others):
-        if len(done) == stop_after:
-            raise KeyboardInterrupt
-        done.append(setting)
-        return measure(scene, setting, *others)
+    def measured(scene, settings, *others):
+        for setting in settings:
+            if len(done) == stop_after:
+                raise KeyboardInterrupt
+            done.append(setting)
+            yield from measure(scene, [setting], *others)
 
     monkeypatch.setattr(tradeoff, "measure", measured)
     run("--output", tmp_path, code=130)

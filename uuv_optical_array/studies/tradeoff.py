@@ -18,9 +18,10 @@ import math
 import os
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -160,12 +161,9 @@ class Measurement:
         return self.detectors_per_side, self.table_rows, self.median_ms
 
 
-def _answer(scene: Scene, method: str, rng: np.random.Generator) -> tuple[errors.Answer, int]:
-    """Return how a method answers, and the rows of its table, if any."""
+def _published(scene: Scene, method: str, rng: np.random.Generator) -> tuple[errors.Answer, int]:
+    """Return how a published method answers, and the rows of its table, if any."""
     pose, rows = _no_calibration, 0
-    if method in METHODS:
-        table = build_table(scene)
-        return errors.answer_of(Estimator(table, method).wait()), len(table.poses)
     if method == LOOK_UP:
         table = build_table(published.lookup_scene(scene))
         pose, rows = published.LookUp(table).pose, len(table.poses)
@@ -179,33 +177,49 @@ def _no_calibration(image: ArrayLike) -> Array:
     raise NoPose("no calibration: the array cannot be calibrated at the paper's poses")
 
 
-def measure(scene: Scene, setting: Setting, frames: int, seed: int) -> Measurement:
-    """Measure a setting; an array sees the same images in every one."""
-    yardstick, scene = ForwardModel(scene), setting.scene(scene)
-    model = ForwardModel(scene)
-    seeds = [seed, setting.detectors_per_side, SHAPES.index(setting.shape)]
-    rng = np.random.default_rng(seeds)
-    poses = working_volume.lit_poses(model, frames, rng)
-    images = model.expose(poses, rng)
-    began = time.perf_counter()
-    answer, rows = _answer(scene, setting.method, rng)
-    build_s = time.perf_counter() - began
-    result = errors.frame_errors(answer, yardstick, poses, images, range(frames))
-    if len(result.errors) < frames:
-        raise KeyboardInterrupt  # cut short, so no measurement
-    bound = cramer_rao_bound(model, poses)
-    floor = working_volume.known_volume_std(bound.information)
-    rms = errors.position_and_angle
-    off = *rms(result.errors[result.posed]), *rms(bound.std), *rms(floor)
-    times = *result.frame_ms, result.model_ms, result.frame_ms[0] / result.model_ms, build_s
-    without = float((~result.posed).mean())
-    return Measurement(*setting, rows, without, *off, *times, os.getloadavg()[0])
+def measure(
+    scene: Scene, settings: Iterable[Setting], frames: int, seed: int
+) -> Iterator[Measurement]:
+    """Measure the settings of one array and one table; each sees the same images."""
+    yardstick, table, build_s = ForwardModel(scene), None, math.nan
+    for setting in settings:
+        own = setting.scene(scene)
+        model = ForwardModel(own)
+        seeds = [seed, setting.detectors_per_side, SHAPES.index(setting.shape)]
+        rng = np.random.default_rng(seeds)
+        poses = working_volume.lit_poses(model, frames, rng)
+        images = model.expose(poses, rng)
+        began = time.perf_counter()
+        if setting.method not in METHODS:
+            answer, rows = _published(own, setting.method, rng)
+            build_s = time.perf_counter() - began
+        else:
+            if table is None:
+                table = build_table(own)
+                build_s = time.perf_counter() - began
+            answer, rows = (
+                errors.answer_of(Estimator(table, setting.method).wait()),
+                len(table.poses),
+            )
+        result = errors.frame_errors(answer, yardstick, poses, images, range(frames))
+        if len(result.errors) < frames:
+            raise KeyboardInterrupt  # cut short, so no measurement
+        bound = cramer_rao_bound(model, poses)
+        floor = working_volume.known_volume_std(bound.information)
+        rms = errors.position_and_angle
+        off = *rms(result.errors[result.posed]), *rms(bound.std), *rms(floor)
+        times = *result.frame_ms, result.model_ms, result.frame_ms[0] / result.model_ms, build_s
+        without = float((~result.posed).mean())
+        yield Measurement(*setting, rows, without, *off, *times, os.getloadavg()[0])
 
 
 def measure_all(scene: Scene, mode: Mode) -> tuple[list[Measurement], bool]:
     """Measure the settings of a mode, and say whether all are there, or Ctrl-C ended it early."""
     rounds = progress.over(plan(scene, mode), "setting")
-    return until_interrupted(measure(scene, one, FRAMES[mode], SEED) for one in rounds)
+    groups = (group for _, group in groupby(rounds, lambda setting: setting[1:]))
+    return until_interrupted(
+        row for group in groups for row in measure(scene, group, FRAMES[mode], SEED)
+    )
 
 
 def fronts(rows: Sequence[Measurement]) -> dict[str, list[Measurement]]:

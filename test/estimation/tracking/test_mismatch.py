@@ -122,10 +122,10 @@ def test_uneven_light_that_stays_is_named_soon_at_the_start_and_later_in_half_a_
         return tracker.update(stamp_ns, pose, 0.01 * np.eye(5), shaded=shaded).mismatch
 
     named = "the evenness of the light is off in most frames of 30 s, or since the first"
-    # Nine tenths of five seconds.
-    assert not any(said(k / 2, 0.9) for k in range(9))
-    assert said(4.5, 0.9) == named
-    assert not any(said(4.5 + k / 2, 0.1) for k in range(1, 40))
+    # Three quarters of three seconds.
+    assert not any(said(k / 2, 0.9) for k in range(5))
+    assert said(2.5, 0.9) == named
+    assert not any(said(2.5 + k / 2, 0.1) for k in range(2, 44))
     # After clear frames their share grows as 1 - exp(-t / 30 s), in a young track, too.
     assert not any(said(24.5 + k / 2, 0.9) for k in range(40))
     assert not any(said(44.5 + k / 2, 0.1) for k in range(600))

@@ -24,7 +24,7 @@ WINDOW_S, CHECK_S = 30.0, 2.0  # frames of so long are tested together, so often
 EVENNESS, MOST_UNEVEN = "the evenness of the light", 0.6
 MOSTLY_UNEVEN = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s, or since the first"
 # Of the frames since the first, where these are of LEAST_S or more: a cloud comes after clear ones.
-NEARLY_ALL, LEAST_S = 0.9, 5.0
+MOST_OF_ALL, LEAST_S = 0.75, 3.0
 LEAST = 1 - math.exp(-LEAST_S / WINDOW_S)  # the same, as a share of the window
 CHANCE = 1e-5  # that frames of the scene are taken for others, at each test
 LEAST_GAIN = 1e-3  # error of a detector that linearising may leave
@@ -115,7 +115,7 @@ class LastingResiduals:
         self._light_ns, kept = stamp_ns, float(np.exp(-step_s / WINDOW_S))
         self._lit = kept * self._lit + 1 - kept
         self._uneven = kept * self._uneven + (1 - kept) * uneven
-        if self._uneven > min(MOST_UNEVEN, NEARLY_ALL * max(self._lit, LEAST)):
+        if self._uneven > min(MOST_UNEVEN, MOST_OF_ALL * max(self._lit, LEAST)):
             self.mismatch = MOSTLY_UNEVEN
         elif self.mismatch == MOSTLY_UNEVEN:
             self.mismatch = ""

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
+from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import (
     Biases,
     BiasSpace,
@@ -117,3 +118,34 @@ def test_a_pose_is_as_uncertain_when_shades_become_others_but_less_by_those_to_c
     np.testing.assert_allclose(after.covariance(prior), motion.covariance(prior), rtol=1e-9)
     np.testing.assert_array_equal(after.slopes[:, 0], motion.slopes[:, 0])
     np.testing.assert_allclose(after.slopes[:, 1:], np.exp(-0.5) * motion.slopes[:, 1:])
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([(3, 2), (5, 1)]), st.booleans())
+def test_what_a_shade_leaves_of_it_is_noise_of_clear_frames_where_the_scene_names_shades(
+    seed, sizes, names_shades
+):
+    """The rest is 2 % of the light, RMS, by each smooth pattern of up to second order."""
+    rng, (side, lamps) = np.random.default_rng(seed), sizes
+    count = side**2 * lamps
+    lasts_s = 5.0 if names_shades else 0.0
+    constants = Constants(("a", "b"), (0.1, 0.2), 0.05, side**2, None, lasts_s, lamps=lamps)
+    light, variances = rng.uniform(5, 300, (4, count)), rng.uniform(0.5, 9.0, (4, count))
+    variances[:, rng.integers(count)] = np.inf
+    slopes = rng.standard_normal((4, count, 7))
+    readings = LinearisedReadings(
+        np.zeros((4, 7)), rng.standard_normal((4, count)), slopes, light, variances
+    )
+    found = BiasSpace(constants, 60.0).whitened(readings, slopes)
+    found = np.concatenate([found[0][..., None], *found[1:]], axis=2)
+    u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1, 1, side)] * 2, indexing="ij"))
+    smooth, _ = np.linalg.qr(np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1))
+    modes = np.tile(0.02 * side * smooth[:, 1:] * names_shades, (lamps, 1))
+    for k in range(4):
+        lit = np.isfinite(variances[k])
+        by_gains = 0.05 * np.tile(np.eye(side**2), (lamps, 1)) * light[k][:, None]
+        parts = readings.residuals[k][:, None], slopes[k], by_gains
+        rows = np.hstack(parts)[lit] * [1, *[1] * 5, 0.1, 0.2, *[1] * side**2]
+        shades = (light[k][:, None] * modes)[lit]
+        noise = np.diag(variances[k][lit]) + shades @ shades.T
+        expected = rows.T @ np.linalg.solve(noise, rows)
+        np.testing.assert_allclose(found[k].T @ found[k], expected, rtol=1e-7, atol=1e-7)

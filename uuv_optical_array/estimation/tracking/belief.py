@@ -81,6 +81,7 @@ class BiasSpace:
         self.shades = slice(self.learnt, self.learnt + shades)
         self.stds = np.array([*c.stds, *[c.gain_std] * gains, *[1.0] * shades])
         self._by_gains = c.gain_std * c.by_detector if gains else np.zeros((1, 0))
+        self._shade_rest = c.shade_rest
         self._hold_s = np.array([hold_s] * self.learnt + [c.unclear_lasts_s] * shades)
 
     def prior(self) -> Biases:
@@ -114,6 +115,8 @@ class BiasSpace:
     def whitened(self, readings: LinearisedReadings, slopes: Array) -> tuple[Array, Array, Array]:
         """Return readings in units of their noise, of one frame or of many.
 
+        What shades of the scene leave in frames that pass for clear counts as noise.
+
         - slopes: by pose and constants, in any coordinates, shape ``(..., n, 5 + q)``.
         - returned: residuals, slopes by the pose, and by what is learnt, shapes ``(..., n)``,
           ``(..., n, 5)`` and ``(..., n, learnt)``.
@@ -123,7 +126,14 @@ class BiasSpace:
         by_constants = slopes[..., 5:] * self.stds[self.constants]
         by_gains = (white * readings.light)[..., None] * self._by_gains
         by_learnt = np.concatenate([by_constants, by_gains], axis=-1)
-        return white * readings.residuals, slopes[..., :5], by_learnt
+        columns = (white * readings.residuals)[..., None], slopes[..., :5], by_learnt
+        rows = np.concatenate(columns, axis=-1)
+        if self._shade_rest.size:
+            shades = (white * readings.light)[..., None] * self._shade_rest
+            basis, sizes, _ = np.linalg.svd(shades, full_matrices=False)
+            kept = 1 / np.sqrt(1 + sizes**2)[..., None]
+            rows += basis @ ((kept - 1) * (basis.swapaxes(-1, -2) @ rows))
+        return rows[..., 0], rows[..., 1:6], rows[..., 6:]
 
 
 def triangular(root: Array) -> Array:

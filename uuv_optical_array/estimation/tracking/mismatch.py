@@ -16,7 +16,7 @@ from scipy.special import chdtrc
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
-from uuv_optical_array.estimation.unknowns.constants import Constants
+from uuv_optical_array.estimation.unknowns.constants import REST_OF_SHADE, Constants
 from uuv_optical_array.forward.prior import POWER, of_lamp, shade_modes
 
 MOST_TESTED = 49  # detectors
@@ -28,7 +28,6 @@ MOST_OF_ALL, LEAST_S = 0.75, 3.0
 LEAST = 1 - math.exp(-LEAST_S / WINDOW_S)  # the same, as a share of the window
 CHANCE = 1e-5  # that frames of the scene are taken for others, at each test
 LEAST_GAIN = 1e-3  # error of a detector that linearising may leave
-REST_OF_SHADE = 0.02  # by which a shade of the scene may still dim frames that pass for clear
 NEGLIGIBLE = 1e-9  # of the largest information, below which rounding is all there is
 
 

@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.unknowns.coordinates import CoordinateFrame, frame_of
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.prior import shade_modes
+
+REST_OF_SHADE = 0.02  # by which a shade of the scene may still dim frames that pass for clear
 
 
 class Expected(NamedTuple):
@@ -72,6 +75,16 @@ class Constants:
     def by_detector(self) -> Array:
         """Which detector each reading is of, shape ``(lamps * detectors, detectors)``."""
         return np.tile(np.eye(self.detectors), (self.lamps, 1))
+
+    @property
+    def shade_rest(self) -> Array:
+        """How shades dim readings of frames that pass for clear, shape ``(lamps * detectors, 5)``.
+
+        A share of the light by each smooth mode; shape ``(lamps * detectors, 0)`` without shades.
+        """
+        if not (self.names_shades and self.detectors):
+            return np.zeros((self.lamps * self.detectors, 0))
+        return REST_OF_SHADE * self.by_detector @ shade_modes(round(self.detectors**0.5)).T
 
 
 def constants_of(model: ForwardModel) -> Constants:

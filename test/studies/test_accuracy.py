@@ -123,10 +123,6 @@ def test_least_squares_is_near_the_bound_of_the_reference_scene(capsys):
     assert "600/600" in err
 
 
-def test_the_method_is_the_one_that_is_named(scene_file):
-    assert json_of(run, "--scene", scene_file, "--poses", 20, "--method", "sam")["method"] == "sam"
-
-
 def test_the_text_tells_the_same_as_the_object(capsys, scene_file):
     words = ("--scene", scene_file, "--poses", 40, "--seed", 9)
     answer = json_of(run, *words)

@@ -11,6 +11,7 @@ from builtin_interfaces.msg import Time
 from command_line import PROGRAM, begun, ended, run
 from nav_msgs.msg import Odometry
 from needs import rosbags
+from odometries import odometry, time_of
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 from test_wiring import torch_run
@@ -76,8 +77,7 @@ def test_live_images_are_taken_until_both_sweeps_are_seen(lab, sent, tmp_path):
     told, stamp = b"", sent[0][0] - 10**12
 
     def show(stamp, image):
-        seconds, rest = divmod(stamp, 10**9)
-        images.publish(image_to_message(image, Header(stamp=Time(sec=seconds, nanosec=rest))))
+        images.publish(image_to_message(image, Header(stamp=time_of(stamp))))
 
     def background_is_measured():
         """Show the dark until the command has heard enough of it: it hears us later than we it."""
@@ -113,10 +113,7 @@ def test_the_nodes_of_a_wired_array_see_what_those_of_a_right_one_see(lab, tmp_p
     lab.connect()
     stamp = Time(sec=7)
     for talker, x in zip(talkers, (0.0, -6.0), strict=True):
-        message = Odometry(header=Header(stamp=stamp, frame_id="odom"))
-        message.pose.pose.position.x, message.pose.pose.position.y = x, 0.1 * x
-        message.pose.pose.orientation.w = 1.0
-        talker.publish(message)
+        talker.publish(odometry(7 * 10**9, [x, 0.1 * x, 0.0]))
     del settings["array"]["wiring"]
     scene = scene_from_settings(settings, "right")
     pose = np.array([-6.0, -0.6, 0.0, 0.0, 0.0])

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from asker import place_of
 from bags import drive_messages, image_message, write_bag
-from builtin_interfaces.msg import Time
 from command_line import run
 from conftest import write_scene
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from needs import rosbags
+from odometries import time_of
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -109,14 +109,13 @@ def test_the_nodes_say_the_same_of_the_same_images(lab, drive, compiled_fit, tmp
     tracks = lab.listen(Odometry, "relative_odometry")
     lab.connect()
     for stamp, linear, angular in commands:
-        at = Header(stamp=Time(sec=stamp // 10**9, nanosec=stamp % 10**9))
+        at = Header(stamp=time_of(stamp))
         helm.publish(twist_to_message(linear, angular, at))
     # One that is refused comes after those that are taken.
     helm.publish(twist_to_message(np.full(3, np.nan), np.zeros(3), at))
     lab.report(node, DiagnosticStatus.WARN, "cmd_vel, not finite")
     for frame, image in zip(expected, images, strict=False):
-        seconds, rest = divmod(frame.stamp_ns, 10**9)
-        stamp = Time(sec=seconds, nanosec=rest)
+        stamp = time_of(frame.stamp_ns)
         sender.publish(image_to_message(image, Header(stamp=stamp)))
         if frame.estimate is None:
             continue

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
@@ -131,3 +132,34 @@ def pulls(found, scene, aims=STRAIGHT):
 def largest_pull(found, scene, aims=STRAIGHT):
     fitted, gains = pulls(found, scene, aims)
     return np.abs([*fitted.values(), *gains]).max()
+
+
+def check_consistency(scene_of, start, fits, count, rng, pose_std=None, aims=TURNED, each=1):
+    """Calibrate in many seas; errors over standard errors must be normal. Return the mean misfit.
+
+    Of each place of a drive there are `each` images, and an error of its pose, which they share.
+    """
+    squares, of_gains, misfits = [], [], []
+    places = np.repeat(np.arange(count), each)
+    for _ in range(fits):
+        scene = scene_of(rng)
+        poses, rolls = drive(rng, count)
+        images = exposed(scene, poses[places], rng, rolls[places], aims)
+        if pose_std is not None:
+            poses = poses + rng.normal(size=poses.shape) * pose_std
+            rolls = rolls + bool(scene.lamps) * rng.normal(size=count) * pose_std[3]
+        told = poses[places], rolls[places]
+        found = calibrate(start, images, *told, pose_std=pose_std, places=places)
+        assert not found.refusal
+        fitted, gains = pulls(found, scene, aims)
+        squares.append(fitted)
+        of_gains.append(gains)
+        misfits.append(found.misfit)
+    assert squares[0].keys() == named(found).keys()
+    low, high = stats.chi2.ppf(stats.norm.cdf([-4, 4]), fits) / fits
+    for name in squares[0]:
+        mean = np.mean([fitted[name] ** 2 for fitted in squares])
+        assert low < mean < high, name
+    gains = np.mean(np.square(of_gains))
+    assert 1 - 5 * np.sqrt(2 / (24 * fits)) < gains < 1 + 5 * np.sqrt(2 / (24 * fits)), gains
+    return np.mean(misfits)

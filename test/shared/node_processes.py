@@ -33,20 +33,13 @@ def node_processes(log, nodes, **parameters):
     At the end each must stop by Ctrl-C, without an error; the file `log` has what they wrote.
     """
     arguments = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+    programs = [f"from uuv_optical_array.nodes.{node} import main; main()" for node in nodes]
     with log.open("w") as file:
         processes = [
             subprocess.Popen(
-                [
-                    sys.executable,
-                    "-c",
-                    f"from uuv_optical_array.nodes.{node} import main; main()",
-                    "--ros-args",
-                    *arguments,
-                ],
-                stderr=file,
-                stdout=file,
+                [sys.executable, "-c", code, "--ros-args", *arguments], stderr=file, stdout=file
             )
-            for node in nodes
+            for code in programs
         ]
         try:
             yield

@@ -10,6 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy import ndimage
+from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.forward.effects.electronics import PARTS
 
@@ -29,24 +31,9 @@ class Ray(NamedTuple):
     time_s: float | None
 
 
-def product(a, b):
-    return [[sum(a[i][k] * b[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
-
-
-def turned(matrix, vector):
-    return [sum(matrix[i][k] * vector[k] for k in range(3)) for i in range(3)]
-
-
 def attitude(pitch, yaw, roll):
     """Rotation from ``base_link`` to ``beacon``: yaw about z, pitch about y, roll about x."""
-    about_x = [[1, 0, 0], [0, math.cos(roll), -math.sin(roll)], [0, math.sin(roll), math.cos(roll)]]
-    about_y = [
-        [math.cos(pitch), 0, math.sin(pitch)],
-        [0, 1, 0],
-        [-math.sin(pitch), 0, math.cos(pitch)],
-    ]
-    about_z = [[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]]
-    return product(about_z, product(about_y, about_x))
+    return Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix()
 
 
 def detectors(array):
@@ -69,8 +56,8 @@ def rays(array, pose, roll=0.0, time_s=None):
     turn = attitude(pose[3], pose[4], roll)
     found = []
     for place, normal in detectors(array):
-        x, y, z = (pose[i] + turned(turn, place)[i] for i in range(3))
-        looks = turned(turn, normal)
+        x, y, z = (pose[:3] + turn @ place).tolist()
+        looks = (turn @ normal).tolist()
         range_m = math.sqrt(x * x + y * y + z * z)
         cosine = -(x * looks[0] + y * looks[1] + z * looks[2]) / range_m
         off_axis = math.atan2(math.hypot(y, z), -x)
@@ -181,57 +168,34 @@ def window(ray, lamp, index, behind_index, water_index):
     return passed
 
 
-# On the array: the image, a list of rows, is changed in place.
+# On the array: the image, rows of columns, is changed in place.
 
 
 def ambient(image, array, level_counts):
-    for row in image:
-        for column in range(len(row)):
-            row[column] += level_counts
+    image += level_counts
 
 
 def forward_scatter(image, array, window_m):
-    side = array["detectors_per_side"]
-    spacing = array["width_m"] / (side - 1)
-    weights = {}
-    for step in range(-math.ceil(window_m / spacing), math.ceil(window_m / spacing) + 1):
-        if abs(step * spacing) < window_m / 2:
-            weights[step] = 0.5 * (1 + math.cos(2 * math.pi * step * spacing / window_m))
-    total = sum(weights.values())
-
-    def mirrored(i):
-        while not 0 <= i < side:
-            i = -1 - i if i < 0 else 2 * side - 1 - i
-        return i
-
-    def blurred(line):
-        return [
-            sum(weight / total * line[mirrored(i + step)] for step, weight in weights.items())
-            for i in range(side)
-        ]
-
-    lines = [blurred(row) for row in image]
-    columns = [blurred([line[column] for line in lines]) for column in range(side)]
-    for row in range(side):
-        for column in range(side):
-            image[row][column] = columns[column][row]
+    spacing = array["width_m"] / (array["detectors_per_side"] - 1)
+    most = math.ceil(window_m / spacing)
+    way = np.arange(-most, most + 1) * spacing
+    weights = np.where(abs(way) < window_m / 2, 1 + np.cos(2 * math.pi * way / window_m), 0.0)
+    for axis in (0, 1):  # light beyond an edge is as that before it
+        image[:] = ndimage.correlate1d(image, weights / weights.sum(), axis, mode="reflect")
 
 
 def responsivity(image, array, drift_per_c, spread=None, seed=None, gains=None, temperature_c=0.0):
-    side = array["detectors_per_side"]
     if gains is None:
-        draws = np.random.default_rng(seed).standard_normal((side, side))
-        gains = [[max(1 + spread * float(draw), 0.0) for draw in row] for row in draws]
-    for row in range(side):
-        for column in range(side):
-            image[row][column] *= gains[row][column] * (1 + drift_per_c * temperature_c)
+        draws = np.random.default_rng(seed).standard_normal(image.shape)
+        gains = np.maximum(1 + spread * draws, 0.0)
+    image *= np.multiply(gains, 1 + drift_per_c * temperature_c)
 
 
 def detector_faults(image, array, dead, stuck, stuck_counts):
     for row, column in dead:
-        image[row][column] = 0.0
+        image[row, column] = 0.0
     for row, column in stuck:
-        image[row][column] = stuck_counts
+        image[row, column] = stuck_counts
 
 
 # In the electronics: the variance of a reading by its light, and what becomes of a reading.
@@ -316,10 +280,8 @@ def with_offsets(effects, offsets):
         effect, setting = name.split(".")
         if effect in effects and not setting.startswith("to_") and name != RESPONSE:
             before = changed[effect].get(setting, 0.0)
-            by_logarithm = name in LOGARITHMS
-            changed[effect][setting] = (
-                before * math.exp(offset) if by_logarithm else before + offset
-            )
+            after = before * math.exp(offset) if name in LOGARITHMS else before + offset
+            changed[effect][setting] = after
     return changed
 
 
@@ -368,12 +330,11 @@ def image_of(scene, power, effects, pose, roll=0.0, time_s=None, offsets=None):
         readings.append(light)
     side = array["detectors_per_side"]
     shades, daylight = unnamed(side, effects, offsets)
-    readings = (np.array(readings) * shades + daylight).tolist()
-    image = [readings[row * side : (row + 1) * side] for row in range(side)]
+    image = (np.array(readings) * shades + daylight).reshape(side, side)
     for name, step in ARRAY.items():
         if name in effects and not (name == "ambient" and "demodulation" in effects):
             step(image, array, **effects[name])
-    return np.array(image) + effects.get("demodulation", {}).get("pedestal_counts", 0.0)
+    return image + effects.get("demodulation", {}).get("pedestal_counts", 0.0)
 
 
 def power_of(scene):

@@ -124,13 +124,13 @@ def heard(monkeypatch):
     score = design.score
 
     class Heard(list):
-        stop = None
+        stop, end = None, KeyboardInterrupt
 
     heard = Heard()
 
     def counted(scene, *others):
         if len(heard) == heard.stop:
-            raise KeyboardInterrupt
+            raise heard.end
         heard.append(Design.of(scene))
         return score(scene, *others)
 
@@ -170,9 +170,13 @@ def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, cap
     run(*WORDS, code=130)
     assert "interrupted" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
-    heard.stop = 6
+    heard.stop, heard.end = 4, MemoryError  # as a run that is killed
+    with pytest.raises(MemoryError):
+        run(*WORDS)
+    heard.stop, heard.end = 6, KeyboardInterrupt
     run(*WORDS, code=130)
     out = capsys.readouterr().out
+    assert "4 designs are there already" in out
     assert "interrupted: 6 of 20 designs; the same command resumes it" in out
     assert "of 6 designs tell" in out
     heard.stop = None

@@ -17,7 +17,6 @@ from uuv_optical_array.studies.docking_smoother import (
     bound,
     evaluate,
     predict,
-    propose,
     refine,
     smoothed,
     states_along,
@@ -184,33 +183,6 @@ def test_the_path_is_the_most_probable_one(model):
     # All four images at once, from a straight path, lead there too.
     whole = refine(problem, path_of(path)[:, None])
     assert whole.cost[0] == pytest.approx(theirs[0][0], abs=0.02)
-
-
-@pytest.mark.parametrize("damping", [0.0, 0.3])
-def test_a_step_promises_half_of_the_slope_of_the_cost_along_it(model, damping):
-    """It holds for the solution of damped normal equations alone, and the gradient of the cost."""
-    rng = np.random.default_rng(6)
-    path = straight(5)
-    images = exposed(model, path, offsets(model, 3, rng), rng).reshape(3, 5, 25)
-    problem = PathProblem(Motion(model, STEP_S, **SETTINGS), images)
-    at = path_of(path)[:, None] + 0.02 * rng.standard_normal((5 * STATE + 2, 3))
-    trial, decrement = propose(problem, evaluate(problem, at), np.full(3, damping))
-    ahead, behind = (evaluate(problem, at + share * (trial - at)).cost for share in (1e-5, -1e-5))
-    assert (decrement > 1).all()
-    np.testing.assert_allclose((behind - ahead) / 2e-5, 2 * decrement, rtol=1e-4)
-
-
-def test_damping_shortens_a_step_down_to_the_steepest_descent_of_each_number(model):
-    path = straight(3)
-    images = model.expected(path).reshape(1, 3, 25)
-    problem = PathProblem(Motion(model, STEP_S, **SETTINGS), images)
-    at = path_of(path + 0.02, 0.01)[:, None]
-    state = evaluate(problem, at)
-    steps = [propose(problem, state, np.array([damping]))[0] - at for damping in (0.0, 1.0, 1e6)]
-    lengths = [np.linalg.norm(step) for step in steps]
-    assert lengths[0] > lengths[1] > 100 * lengths[2]
-    steepest = state.gradient[:, 0] / np.diagonal(state.information[..., 0])
-    np.testing.assert_allclose(1e6 * steps[2][:, 0], steepest, rtol=1e-3, atol=1e-6)
 
 
 def test_errors_are_those_of_the_bound_and_the_covariance_is_honest(model):

@@ -168,7 +168,7 @@ def test_an_array_that_is_turned_on_its_mount_stays_where_it_is():
     direction, turned = np.random.default_rng(5).uniform(0, 2 * np.pi, 4), []
     for pose, turn in zip(POSES, direction, strict=True):
         pitch, yaw = pose[3:] + np.radians(1) * np.array([np.sin(turn), np.cos(turn)])
-        swing = np.array(second.attitude(*pose[3:], 0)) - second.attitude(pitch, yaw, 0)
+        swing = second.attitude(*pose[3:], 0) - second.attitude(pitch, yaw, 0)
         place = pose[:3] + swing @ [SUNLIT["array"]["bow_m"], 0, 0]
         turned.append([*place, pitch, yaw])
     np.testing.assert_allclose(light_of("aim_1"), by_second(SUNLIT, turned), rtol=1e-9)

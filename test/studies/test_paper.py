@@ -14,7 +14,6 @@ from conftest import sketching
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.markers import CARETDOWN, CARETUP
-from scipy import stats
 from second_paper import second_angle, second_features, second_image
 
 from uuv_optical_array.estimation.signature.features import key_parameters
@@ -25,7 +24,6 @@ from uuv_optical_array.studies import paper
 from uuv_optical_array.studies.shared.separation import (
     Conditions,
     angles_deg,
-    from_paper_axes,
     paper_signature,
 )
 
@@ -115,33 +113,6 @@ def test_what_has_no_number_is_flat_and_met_by_nobody():
     points = [statement.row(np.nan) for statement in paper.STATEMENTS]
     text = paper.report({"figures": {"all": {"points": points}}, "sizes": []})
     assert text.splitlines()[1].split()[-2:] == ["2", "flat"]
-
-
-@pytest.mark.parametrize(
-    ("move", "feature", "sign"),
-    [
-        ([0, 0.3, 0, 0, 0], 1, -1),  # to starboard: the spot goes to port
-        ([0, 0, 0, 0, 0.2], 1, -1),  # bow to starboard: to port
-        ([0, 0, 0.3, 0, 0], 2, -1),  # down: up
-        ([0, 0, 0, 0.2, 0], 2, 1),  # bow up: down
-    ],
-)
-def test_a_move_in_the_papers_axes_is_seen_where_it_should_be(scene, move, feature, sign):
-    pose = from_paper_axes(np.array([4.0, 0, 0, 0, 0]) + move)
-    assert not np.signbit(pose[pose == 0]).any()
-    found = key_parameters(ForwardModel(scene).expected(pose), 1023, "detector")
-    assert sign * found[feature] >= 2
-    assert found[3 - feature] == 0
-
-
-def test_the_papers_signature_counts_from_one_at_the_port_and_top_edge():
-    image = np.random.default_rng(3).uniform(0, 500, (2, 5, 5))
-    image[0, 0, 3], image[1, 4, 0] = 800, 600
-    found = paper_signature(image, 1000, "detector")
-    np.testing.assert_allclose(found[:, :3], [[0.8, 4 / 5, 1 / 5], [0.6, 1 / 5, 5 / 5]])
-    for vector, (row, column), frame in zip(found, [(0, 3), (4, 0)], image, strict=True):
-        skews = [stats.skew(np.gradient(profile)) for profile in (frame[row], frame[:, column])]
-        np.testing.assert_allclose(vector[3:], skews)
 
 
 def test_the_plain_five_numbers_of_the_papers_array_do_not_see_range_when_aligned(scene):
@@ -246,20 +217,16 @@ def test_the_statements_are_marked_in_their_panels():
     }
     figure = paper.draw(curves, "eren2016")
     figure.draw_without_rendering()
-    marked = {
-        (line.get_label(), float(line.get_xdata()[0]), float(line.get_ydata()[0]))
+    points = [
+        (line.get_label(), line.get_marker(), *line.get_xydata()[0].tolist())
         for axes in figure.findobj(lambda artist: hasattr(artist, "get_lines"))
         for line in axes.get_lines()
         if len(line.get_xdata()) == 1
-    }
+    ]
     # Their tips are at the stated angle.
-    shapes = {
-        (line.get_label().split()[-2], line.get_marker())
-        for axes in figure.findobj(lambda artist: hasattr(artist, "get_lines"))
-        for line in axes.get_lines()
-        if len(line.get_xdata()) == 1
-    }
+    shapes = {(name.split()[-2], shape) for name, shape, *_ in points}
     assert {shape for shape in shapes if shape[0] in "<>"} == {("<", CARETDOWN), (">", CARETUP)}
+    marked = {(name, *at) for name, _, *at in points}
     assert marked == {
         *(("planar: 5", 5, 5), ("planar: 11", 10, 11), ("curved: 12", 5, 12)),
         *(("curved: 22", 10, 22), ("3: < 15", 0.2, 15), ("5: > 15", 0.2, 15)),

@@ -1,5 +1,7 @@
 """Photons beside closed forms, quadratures of single scattering, and the law of small angles."""
 
+import itertools
+
 import numpy as np
 import pytest
 import second_forward
@@ -109,8 +111,7 @@ def test_without_absorption_all_energy_crosses_every_sphere(phase, monkeypatch):
     assert (np.abs(total - 1) < SIGMAS * error).all()
 
 
-@pytest.mark.parametrize("sigma", np.radians([4.0, 8.0]))
-def test_light_scattered_once_agrees_with_a_quadrature(sigma):
+def test_light_scattered_once_agrees_with_a_quadrature():
     """Compare the flux on and off the axis, at such thin water that nothing is scattered twice.
 
     In the triangle of lamp, place of scattering and detector, with angles g at the lamp and h at
@@ -118,7 +119,7 @@ def test_light_scattered_once_agrees_with_a_quadrature(sigma):
     """
     a, b = 0.4, 1e-4
     pencil = trace(a, b, "henyey_greenstein", 1_000_000, np.random.default_rng(2))
-    lamp = Lamp(pencil, sigma)
+    lamps = [Lamp(pencil, sigma) for sigma in np.radians([4.0, 8.0])]
     x, wx = leggauss(240)
     root, wx = (x + 1) / 2, wx / 2
     theta, w_theta = np.pi * root**3, 3 * np.pi * root**2 * wx  # dense at small angles
@@ -127,19 +128,17 @@ def test_light_scattered_once_agrees_with_a_quadrature(sigma):
     t, f, turn = np.meshgrid(theta, (y + 1) / 2, turns, indexing="ij")
     g, h = t * f, t * (1 - f)
     weight = (w_theta * theta)[:, None, None] * (wy / 2)[:, None] * (2 * np.pi / 24)
-    for i in SPHERES:
-        r = RADII_M[i]
+    for lamp, i, j in itertools.product(lamps, SPHERES, (0, 16, 30)):
+        r, eta = RADII_M[i], OFF_AXIS[j]
         path = r * (np.sin(g) + np.sin(h)) / np.sin(t)
-        for j in (0, 16, 30):
-            eta = OFF_AXIS[j]
-            cosine = np.cos(eta) * np.cos(g) + np.sin(eta) * np.sin(g) * np.cos(turn)
-            beam = np.exp(-(np.arccos(np.clip(cosine, -1, 1)) ** 2) / (2 * sigma**2))
-            light = weight * beam * b * np.exp(-(a + b) * path) * henyey_greenstein(t) * r
-            outwards, away = (light * np.cos(h)).sum(), (light * np.sin(h) * np.cos(turn)).sum()
-            error = lamp.error[i, j]
-            assert error < 0.01 * outwards
-            assert abs(lamp.flux[0, i, j] - outwards) < SIGMAS * error
-            assert lamp.flux[1, i, j] == pytest.approx(away, rel=0.03, abs=1e-12)
+        cosine = np.cos(eta) * np.cos(g) + np.sin(eta) * np.sin(g) * np.cos(turn)
+        beam = np.exp(-(np.arccos(np.clip(cosine, -1, 1)) ** 2) / (2 * lamp.sigma**2))
+        light = weight * beam * b * np.exp(-(a + b) * path) * henyey_greenstein(t) * r
+        outwards, away = (light * np.cos(h)).sum(), (light * np.sin(h) * np.cos(turn)).sum()
+        error = lamp.error[i, j]
+        assert error < 0.01 * outwards
+        assert abs(lamp.flux[0, i, j] - outwards) < SIGMAS * error
+        assert lamp.flux[1, i, j] == pytest.approx(away, rel=0.03, abs=1e-12)
 
 
 def test_small_angles_spread_as_fermi_and_eyges_say(monkeypatch):

@@ -49,14 +49,9 @@ def moments_twice(image, spacing_m):
         peak[0] += vertex(*image[row - 1 : row + 2, column])
     if 0 < column < side - 1:
         peak[1] += vertex(*image[row, column - 1 : column + 2])
-    found = np.zeros((3, 3))
-    for p in (1, 2, 3):
-        for q in (1, 2, 3):
-            for i in range(side):
-                for j in range(side):
-                    port, up = (peak[1] - j) * spacing_m, (peak[0] - i) * spacing_m
-                    found[p - 1, q - 1] += port ** (p - 1) * up ** (q - 1) * image[i, j]
-    return found / image.sum()
+    up, port = (spacing_m * (at - np.arange(side)) for at in peak)
+    sums = [[(port**p * up[:, None] ** q * image).sum() for q in range(3)] for p in range(3)]
+    return np.array(sums) / image.sum()
 
 
 @pytest.fixture(scope="module")

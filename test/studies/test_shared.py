@@ -88,20 +88,3 @@ def test_errors_are_those_of_the_answers(yardstick):
     assert (found.frame_s > 0).all()
     assert found.frame_ms[0] <= found.frame_ms[1]
     assert found.model_ms > 0
-
-
-def test_an_interrupt_keeps_the_frames_that_are_answered(yardstick):
-    poses = uniform_poses(4, np.random.default_rng(0))
-    images = np.arange(4.0)[:, None, None] * np.ones((3, 3))
-
-    def answer(image):
-        if int(image[0, 0]) == 2:
-            raise KeyboardInterrupt
-        return poses[int(image[0, 0])], np.nan
-
-    found = frame_errors(answer, yardstick, poses, images, range(4))
-    np.testing.assert_array_equal(found.errors, np.zeros((2, 5)))
-    assert np.isnan(found.covariances).all()
-    assert len(found.covariances) == len(found.frame_s) == 2
-    with pytest.raises(KeyboardInterrupt):
-        frame_errors(answer, yardstick, poses[2:], images[2:], range(2))

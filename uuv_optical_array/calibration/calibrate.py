@@ -61,7 +61,6 @@ class Calibration:
     gains: Array  # geometric mean 1, (side, side)
     gain_std: Array  # nan where one was held, (side, side)
     correlation: Array  # of the parameters before the reference reading; nan where one was held
-    mean: Array  # of every reading, counts, (m, n)
     residuals: Array  # of every reading, standard deviations, (m, n)
     used: NDArray[np.bool_]  # readings that were fitted: no outliers, not faulty, (m, n)
     uncensored: NDArray[np.bool_]  # used readings that are far from both limits, (m, n)
@@ -207,7 +206,6 @@ def _result(
         gains=fitted[first:].reshape(grid),
         gain_std=errors[first:].reshape(grid),
         correlation=covariance[np.ix_(there, there)] / np.outer(std[there], std[there]),
-        mean=fit.state.mean,
         residuals=agreement.residuals,
         used=likelihood.used,
         uncensored=agreement.uncensored,

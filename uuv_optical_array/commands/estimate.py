@@ -5,7 +5,7 @@ method, on all cores (`taskset` allows fewer). Writes a folder: frames.csv (a li
 bag (MCAP, with relative_pose), relative_pose.tum and, where the bag has both odometries, truth.tum.
 With --track the frames are also filtered, in their order and with the follower's commands if the
 bag has any (relative_odometry). The roll is assumed to be 0. A folder without metadata.yaml is read
-by its files, and a truncated file as far as it is whole.
+by its files, and a truncated MCAP file as far as it is whole.
 
   uuv_array estimate sea                                by the default scene, into sea_estimates
   uuv_array estimate sea --scene sea.yaml -o again      by another scene

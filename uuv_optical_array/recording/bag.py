@@ -11,6 +11,7 @@ from uuv_optical_array.core.storage import files
 from uuv_optical_array.recording import truncated
 from uuv_optical_array.recording.truncated import MCAP
 
+SQLITE = ".db3"
 IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/TwistStamped"
 RUN = {  # topics of a run that are recorded
@@ -36,7 +37,7 @@ def opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
 
     Yields a ``rosbags.highlevel.AnyReader``, and what is missing, a line each. The path is the
     folder of a rosbag2, or one of its ``.mcap`` or ``.db3`` files. A folder without
-    ``metadata.yaml`` is read file by file. Of a truncated file all whole messages are read.
+    ``metadata.yaml`` is read file by file. Of a truncated MCAP file all whole messages are read.
     ValueError where it is no bag, or a damaged one; FileNotFoundError where it does not exist.
     """
     reading = needs("bags", "rosbags.highlevel.anyreader")
@@ -51,21 +52,29 @@ def opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
         raise ValueError(f"bag {path}: {' '.join(str(error).split())}") from None
     except Exception as error:  # storage, metadata and deserialiser have types of their own
         words = " ".join(f"{type(error).__name__} {error}".split())
+        if database := next((part for part in _parts(path) if part.suffix == SQLITE), None):
+            words += f"; what is whole of it: sqlite3 {database} .recover | sqlite3 NEW{SQLITE}"
         raise ValueError(f"bag {path}: not a bag that can be read: {words}") from error
+
+
+def _parts(path: Path) -> list[Path]:
+    """Return the files of a bag."""
+    if path.is_file():
+        return [path]
+    return sorted(part for part in path.iterdir() if part.suffix in (MCAP, SQLITE))
 
 
 def _readable(path: Path, scratch: Path) -> tuple[list[Path], list[str]]:
     """Return what to open, the bag itself or its files, with truncated ones repaired."""
-    suffixes = (MCAP, truncated.SQLITE)
-    parts = [path] if path.is_file() else sorted(p for p in path.iterdir() if p.suffix in suffixes)
-    cut = [file for file in parts if file.suffix in suffixes and truncated.is_truncated(file)]
+    parts = _parts(path)
+    cut = [file for file in parts if truncated.is_truncated(file)]
     if path.is_dir() and not cut:
         if (path / "metadata.yaml").is_file():
             return [path], []
         if not parts:
             raise ValueError("no bag: it has neither metadata.yaml nor a file .mcap or .db3")
     for file in cut:
-        truncated.repair(file, scratch / file.name)
+        truncated.copy(file, scratch / file.name)
     paths = [scratch / file.name if file in cut else file for file in parts]
     return paths, [f"the end of {file.name}, which is cut off or damaged" for file in cut]
 
@@ -94,7 +103,7 @@ class BagWriter:
             self._bag.close()  # with its index, however the run ended
             file = self._path / f"{self._path.name}{MCAP}"
             with files.whole_file(file) as summed:  # rosbags writes no checksums
-                truncated.copy_mcap(file, summed)
+                truncated.copy(file, summed)
 
     def write(self, topic: str, kind: str, stamp_ns: int, data: bytes) -> None:
         """Write a serialised message of a type such as ``sensor_msgs/msg/Image`` and its time, ns.

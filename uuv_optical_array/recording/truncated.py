@@ -1,35 +1,26 @@
-"""Bag files without their end, as the recorder was killed or the disk full: their whole messages.
+"""MCAP files without their end, as the recorder was killed or the disk full: their whole messages.
 
-An MCAP file (https://mcap.dev/spec) is a sequence of records, most of them in chunks, before a
-summary, from which readers start. A database of SQLite states its number of pages
-(https://www.sqlite.org/fileformat.html), and can be read up to the first that is missing.
+Such a file (https://mcap.dev/spec) is a sequence of records, most of them in chunks, before a
+summary, from which readers start.
 """
 
-import sqlite3
 import struct
 import zlib
 from collections.abc import Iterator
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from uuv_optical_array.core.extras import needs
 
-MCAP, SQLITE = ".mcap", ".db3"
+MCAP = ".mcap"
 MAGIC = b"\x89MCAP0\r\n"
 END = struct.Struct("<QQI8s")  # where the summary and its offsets begin, its checksum, the magic
 CHUNK, RECORD_HEAD = b"\x06", 9  # its kind; bytes of kind and length before each record
 
 
 def is_truncated(path: Path) -> bool:
-    """Say whether a bag file, .mcap or .db3, begins as such a file and has no end, or another."""
-    if path.suffix == SQLITE:
-        with closing(_database(path)) as database:
-            try:
-                database.execute("SELECT name FROM sqlite_master")
-            except sqlite3.DatabaseError:
-                return True
-        return False
+    """Say whether a file begins as MCAP and has no end, or another."""
     with path.open("rb") as file:
         begins = file.read(len(MAGIC)) == MAGIC
         if not begins or path.stat().st_size < END.size:
@@ -40,30 +31,7 @@ def is_truncated(path: Path) -> bool:
         return magic != MAGIC or checksum not in (0, zlib.crc32(file.read()[: -len(MAGIC) - 4]))
 
 
-def repair(path: Path, target: Path) -> None:
-    """Write the whole messages of a truncated file to a new one."""
-    if path.suffix == MCAP:
-        copy_mcap(path, target)
-        return
-    with closing(_database(path)) as source, closing(sqlite3.connect(target)) as output:
-        source.execute("PRAGMA writable_schema = ON")  # else a file with fewer pages is not read
-        # What can be read comes before the error.
-        with suppress(sqlite3.DatabaseError):
-            tables = "SELECT name, sql FROM sqlite_master WHERE type = 'table'"
-            for name, layout in source.execute(tables).fetchall():
-                output.execute(layout)
-                with suppress(sqlite3.DatabaseError):
-                    rows = source.execute(f'SELECT * FROM "{name}"')
-                    values = ",".join("?" * len(rows.description))
-                    output.executemany(f'INSERT INTO "{name}" VALUES ({values})', rows)
-        output.commit()
-
-
-def _database(path: Path) -> sqlite3.Connection:
-    return sqlite3.connect(f"{path.absolute().as_uri()}?immutable=1", uri=True)
-
-
-def copy_mcap(path: Path, target: Path) -> None:
+def copy(path: Path, target: Path) -> None:
     """Write the whole messages of an MCAP file to a new one, with an index and all checksums."""
     mcap = needs("bags", "mcap.writer")
     schemas, channels = {0: 0}, {}  # by the numbers that they have in the file

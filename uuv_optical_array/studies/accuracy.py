@@ -230,38 +230,26 @@ model of 4 poses), 99th percentile {slow_ms:.2f} ms"""
 
 
 def comparison(rows: Sequence[dict[str, Any]]) -> str:
-    """Return rows of `by_known` as text."""
-    lines: list[Sequence[Any]] = [("known", "RMS", *DOF_NAMES, "NEES", "beyond", "no pose")]
-    lines.append(("", "", *DOF_UNITS, "", "6 sigma", ""))
+    """Return rows of `compare` as text."""
+    names = [name for name in ("known", "lamps", "sea") if name in rows[0]]
+    heads = ("range", "m", "across", "m", "angle", "deg")
+    lines: list[Sequence[Any]] = [
+        (*names, *heads, "NEES", "beyond", "no pose", "time"),
+        (*len(names) * [""], *(3 * ("error", "bound")), "", "6 sigma", "", "ms"),
+    ]
     for row in rows:
-        lines.append((row["known"], "error", *_fixed(row["rms_error"]), *_honesty(row)))
-        lines.append(("", "bound", *_fixed(row["rms_bound"]), "", "", ""))
+        both = zip(*(range_across_angle(row[key].values()) for key in RMS), strict=True)
+        errors = [f"{value:.3f}" for pair in both for value in pair]
+        honesty = f"{row['nees_mean']:.2f}", row["beyond_6_sigma"], row["without_pose"]
+        median = f"{row['frame_ms']['median']:.2f}"
+        lines.append((*(row[name] for name in names), *errors, *honesty, median))
     return columns(lines, 2)
-
-
-def _honesty(row: dict[str, Any]) -> tuple[Any, ...]:
-    return f"{row['nees_mean']:.2f}", row["beyond_6_sigma"], row["without_pose"]
 
 
 def cost_table(bounds: dict[str, dict[str, float]]) -> str:
     """Return the `costs` of a scene as text."""
     rows = ((key, *_fixed(bound)) for key, bound in bounds.items())
     return columns([("bound, with this known", *DOF_NAMES), ("", *DOF_UNITS), *rows])
-
-
-def lamps_table(rows: Sequence[dict[str, Any]]) -> str:
-    """Return rows of `by_lamps` as text."""
-    heads = ("range", "m", "across", "m", "angle", "deg")
-    lines: list[Sequence[Any]] = [
-        ("lamps", "sea", *heads, "NEES", "beyond", "no pose", "time"),
-        ("", "", *(3 * ("error", "bound")), "", "6 sigma", "", "ms"),
-    ]
-    for row in rows:
-        both = zip(*(range_across_angle(row[key].values()) for key in RMS), strict=True)
-        errors = [f"{value:.3f}" for pair in both for value in pair]
-        median = f"{row['frame_ms']['median']:.2f}"
-        lines.append((row["lamps"], row["sea"], *errors, *_honesty(row), median))
-    return columns(lines, 2)
 
 
 def draw(rows: Sequence[dict[str, Any]], title: str, along: str) -> Any:
@@ -348,18 +336,16 @@ def run(args: argparse.Namespace) -> int:
     poses = lit_poses(model, count, rng)
     result: dict[str, Any]
     if compared:
-        cases = by_known(scene) if args.known else by_lamps(scene)
+        cases, by = by_known(scene), "how well the sea is known"
+        if args.lamps:
+            cases, by = by_lamps(scene), "number of lamps of the same total power"
         rows, complete = until_interrupted(compare(cases, poses, seed))
         result = {"poses": count, compared: rows, "picture": str(picture)}
-        about_it = f"scene {scene.name}, {count} poses"
+        text = comparison(rows)
         if args.known:
             result["costs"] = bounds = costs(scene, poses)
-            title = f"Errors by how well the sea is known: {about_it}"
-            text = f"{comparison(rows)}\n\n{cost_table(bounds)}"
-        else:
-            title = f"Errors by number of lamps of the same total power: {about_it}"
-            text = lamps_table(rows)
-        save(draw(rows, title, compared), picture)
+            text += f"\n\n{cost_table(bounds)}"
+        save(draw(rows, f"Errors by {by}: scene {scene.name}, {count} poses", compared), picture)
         text += f"\n\npicture: {picture}"
     else:
         estimator = Estimator(scene, args.method).wait()

@@ -116,13 +116,9 @@ class Design:
         """The design in words."""
         radius = "" if self.radius_m is None else f", radius {self.radius_m:g} m"
         side, beam = self.detectors_per_side, f"beam {self.beam_sigma_deg:g} deg"
-        lamps = f", {self.lamps} lamps {self.ring}" if self.lamps > 1 else ""
+        ring = f", {self.lamps} lamps at {self.spread_m:g} m, {self.tilt_deg:g} deg"
+        lamps = ring if self.lamps > 1 else ""
         return f"{self.shape} {side} x {side}, {self.width_m:g} m{radius}, {beam}{lamps}"
-
-    @property
-    def ring(self) -> str:
-        """Where several lamps are, in words."""
-        return f"at {self.spread_m:g} m, {self.tilt_deg:g} deg"
 
 
 def sweep_of(scene: Scene, words: Sequence[str] = ()) -> Sweep:
@@ -530,17 +526,21 @@ def run(args: argparse.Namespace) -> int:
     picture = outputs.file_to_write(picture, "--output", outputs.PICTURE)
     csv = outputs.file_to_write(picture.with_suffix(".csv"), "--output")
     told, about = sys.stderr if args.json else sys.stdout, origin(scene, args.poses)
-    before = scored_before(csv, about)
+    there = {row.design: row for row in scored_before(csv, about)}
     designs, dropped = designs_of(sweep)
     if count := sum(dropped.values()):
         print(f"left out: {count} designs whose corners lie beyond their sphere", file=told)
-    there = {row.design: row for row in before}
     if known := [there[design] for design in designs if design in there]:
         print(f"{csv}: {len(known)} designs are there already", file=told)
     left = progress.over([design for design in designs if design not in there], "design")
-    new = scored(scene, left, args.poses)
-    rows, complete = until_interrupted(itertools.chain(known, new))
-    write(csv, about, [row.columns() for row in dict.fromkeys([*before, *rows])])
+
+    def kept() -> Iterator[ScoredDesign]:
+        for row in scored(scene, left, args.poses):
+            there[row.design] = row
+            write(csv, about, [one.columns() for one in there.values()])
+            yield row
+
+    rows, complete = until_interrupted(itertools.chain(known, kept()))
     choice = Choice(scene, sorted(rows, key=lambda row: designs.index(row.design)))
     style.save(draw(choice, f"lamps of equal flux; {args.poses} poses, seed {SEED}"), picture)
     written = [csv, picture]

@@ -13,6 +13,7 @@ from second_features import slow_key_parameters
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.signature.features import (
     FEATURE_NAMES,
+    FEW_IMAGES,
     key_parameters,
     lifted,
     no_pattern,
@@ -53,17 +54,16 @@ def test_any_image_has_the_parameters_of_the_slow_implementation(image, peak):
 
 @pytest.mark.parametrize("side", [3, 4, 5, 7, 21])
 def test_the_subdetector_peak_of_a_sampled_paraboloid_is_its_vertex(side):
-    rng = np.random.default_rng(side)
-    index = np.arange(side)
-    for row, column, bend_row, bend_column in rng.uniform(
-        [0.51, 0.51, 0.01, 0.01], [side - 1.51, side - 1.51, 1.0, 1.0], (100, 4)
-    ):
-        image = 900 - bend_row * (index[:, None] - row) ** 2 - bend_column * (index - column) ** 2
-        sub = key_parameters(image, FULL_SCALE, "subdetector")
-        whole = key_parameters(image, FULL_SCALE, "detector")
-        centre = (side - 1) / 2
-        np.testing.assert_allclose(sub[1:3], [column - centre, row - centre], atol=1e-9)
-        np.testing.assert_array_equal(whole[1:3], [round(column) - centre, round(row) - centre])
+    rng, index = np.random.default_rng(side), np.arange(side)
+    place = rng.uniform(0.51, side - 1.51, (100, 2, 1, 1))
+    bend = rng.uniform(0.01, 1.0, (100, 2, 1, 1))
+    (row, column), (down, across) = place.swapaxes(0, 1), bend.swapaxes(0, 1)
+    images = 900 - down * (index[:, None] - row) ** 2 - across * (index - column) ** 2
+    centred = place[:, ::-1, 0, 0] - (side - 1) / 2
+    sub, whole = (key_parameters(images, FULL_SCALE, peak)[:, 1:3] for peak in reversed(PEAKS))
+    np.testing.assert_allclose(sub, centred, atol=1e-9)
+    rounded = np.rint(place[:, ::-1, 0, 0]) - (side - 1) / 2
+    np.testing.assert_array_equal(whole, rounded)
 
 
 @pytest.mark.parametrize("peak", PEAKS)
@@ -122,17 +122,16 @@ def test_brightness_scales_the_peak_and_nothing_else(image, exponent, peak):
     np.testing.assert_allclose(after[1:], before[1:], atol=1e-9)
 
 
-@pytest.mark.parametrize("shape", [(5,), (5, 4), (1, 1), (3, 4, 5), ()])
-def test_images_that_are_not_square_are_refused(shape):
-    with pytest.raises(ValueError, match="shape"):
-        key_parameters(np.ones(shape), FULL_SCALE, "detector")
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_images_that_are_not_finite_are_refused(bad):
-    images = np.ones((3, 5, 5))
-    images[1, 2, 3] = bad
-    with pytest.raises(ValueError, match="not finite"):
+@pytest.mark.parametrize(
+    ("images", "why"),
+    [
+        *((np.ones(shape), "shape") for shape in ((5,), (5, 4), (1, 1), (3, 4, 5), ())),
+        *((np.array([[1.0, 2.0], [bad, 3.0]]), "not finite") for bad in (math.nan, -math.inf)),
+        (np.stack([np.ones((5, 5)), np.full((5, 5), math.inf)]), "not finite"),
+    ],
+)
+def test_images_that_are_not_square_or_not_finite_are_refused(images, why):
+    with pytest.raises(ValueError, match=why):
         key_parameters(images, FULL_SCALE, "subdetector")
 
 
@@ -152,33 +151,23 @@ def test_a_batch_answers_as_its_images_one_by_one_and_is_left_untouched(peak):
 
 
 @numba
-def test_many_images_have_the_same_bits_whatever_the_process_has_loaded():
-    images = np.random.default_rng(3).uniform(0, 900, (500, 5, 5))
-    expected = np.empty((5, 500))
-    write_parameters(images.reshape(500, 25).T.copy(), 5, FULL_SCALE, True, expected)
-    prepare(5)
-    parameters = key_parameters(images, FULL_SCALE, "subdetector")
-    np.testing.assert_array_equal(parameters, expected.T)
-
-
-@numba
 @pytest.mark.parametrize("side", [2, 4, 5])
 @pytest.mark.parametrize("peak", PEAKS)
-def test_compiled_parameters_are_those_of_numpy(side, peak):
-    rng = np.random.default_rng(side)
-    images = np.concatenate(
-        [
-            rng.uniform(0, 900, (50, side, side)),
-            rng.integers(0, 4, (50, side, side)),  # many ties
-            np.zeros((1, side, side)),
-            np.full((1, side, side), FULL_SCALE),
-        ]
-    )
-    found = np.empty((5, len(images)))
-    readings = np.ascontiguousarray(images.reshape(len(images), -1).T)
-    compilation.compiled(write_parameters)(readings, side, FULL_SCALE, peak == "subdetector", found)
-    expected = key_parameters(images, FULL_SCALE, peak)
-    np.testing.assert_allclose(found.T, expected, rtol=1e-12, atol=1e-13)
+def test_compiled_parameters_of_few_images_are_those_of_numpy_and_those_of_many_to_the_last_bit(
+    side, peak
+):
+    rng, shape = np.random.default_rng(side), (64, side, side)
+    # With many ties, darkness and full light among them.
+    images = np.concatenate([rng.uniform(0, 900, shape), rng.integers(0, 4, shape)])
+    images[:2] = np.array([0, FULL_SCALE])[:, None, None]
+    expected = np.empty((5, 128))
+    readings = np.ascontiguousarray(images.reshape(128, -1).T)
+    write_parameters(readings, side, FULL_SCALE, peak == "subdetector", expected)
+    prepare(side)
+    assert compilation.loaded(write_parameters).signatures
+    np.testing.assert_array_equal(key_parameters(images, FULL_SCALE, peak), expected.T)
+    few = [key_parameters(each, FULL_SCALE, peak) for each in np.split(images, 128 // FEW_IMAGES)]
+    np.testing.assert_allclose(np.concatenate(few), expected.T, rtol=1e-12, atol=1e-13)
 
 
 def test_the_matched_vector_weighs_each_parameter_and_ends_with_the_lift():

@@ -75,27 +75,21 @@ def test_given_the_biases_a_correction_is_a_kalman_filter_s(given_problem):
 
 @given(PROBLEMS)
 @settings(max_examples=60)
-def test_biases_that_are_considered_lower_the_gain_as_schmidt_has_it(given_problem):
+def test_considered_biases_lower_the_gain_as_schmidt_has_it_and_innovations_have_their_density(
+    given_problem,
+):
     motion, biases, observation = given_problem
     both, with_numbers, spread = dense(motion, biases, observation)
     gain = np.linalg.solve(spread, with_numbers[:10].T).T
-    after = correct(motion, observation, biases.covariance)
+    after, innovation = correct(motion, observation, biases.covariance), observation.innovation
     stds = np.sqrt(both.diagonal()[:10])
-    mean = motion.mean + gain @ observation.innovation
+    mean = motion.mean + gain @ innovation
     scale = 1 + np.abs(mean / stds).max()
     np.testing.assert_allclose((after.mean - mean) / stds, 0.0, atol=1e-8 * scale)
     best = both[:10, :10] - gain @ with_numbers[:10].T
     apart = (after.covariance(biases) - best) / np.outer(stds, stds)
     np.testing.assert_allclose(apart, 0.0, atol=1e-8)
-
-
-@given(PROBLEMS)
-@settings(max_examples=60)
-def test_distance_and_cost_are_those_of_the_innovation_s_density(given_problem):
-    motion, biases, observation = given_problem
-    _, _, spread = dense(motion, biases, observation)
     distance, cost = weigh(motion, biases, observation)
-    innovation = observation.innovation
     squared = innovation @ np.linalg.solve(spread, innovation)
     assert distance == pytest.approx(np.sqrt(squared), rel=1e-6)
     density = multivariate_normal(cov=spread, allow_singular=True).logpdf(innovation)

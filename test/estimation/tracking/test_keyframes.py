@@ -15,11 +15,12 @@ from uuv_optical_array.estimation.tracking.keyframes import (
 )
 from uuv_optical_array.estimation.tracking.measurement import Measurement
 from uuv_optical_array.estimation.unknowns.constants import Constants
-from uuv_optical_array.estimation.unknowns.joint_coordinates import AsTheyAre
+from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordinates
 
 pytestmark = pytest.mark.filterwarnings("error")
 
 SECOND_NS, STD, HOLD_S = 10**9, 0.5, 1e9
+LINEAR_IN_ALL = JointCoordinates(None, ())
 
 
 class Frame:
@@ -49,7 +50,7 @@ class Frame:
 
 
 def fit_of(frames, every_s=1):
-    fit = BiasFit(BiasSpace(Constants(("lamp.power",), (STD,)), HOLD_S), HOLD_S, AsTheyAre())
+    fit = BiasFit(BiasSpace(Constants(("lamp.power",), (STD,)), HOLD_S), HOLD_S, LINEAR_IN_ALL)
     keyframes = fit.prior()
     for k, frame in enumerate(frames):
         stamp_ns, zeros = k * every_s * SECOND_NS, np.zeros(5)
@@ -111,7 +112,7 @@ def test_a_frame_is_linearised_where_the_track_expected_it_moved_with_the_biases
         places.append(at)
         return frame.at(at)
 
-    fit = BiasFit(BiasSpace(Constants(("lamp.power",), (STD,)), HOLD_S), HOLD_S, AsTheyAre())
+    fit = BiasFit(BiasSpace(Constants(("lamp.power",), (STD,)), HOLD_S), HOLD_S, LINEAR_IN_ALL)
     place, slopes, then = np.arange(5.0), np.ones((5, 1)), np.array([0.25])
     key = Keyframe(0, np.zeros(5), place, slopes, then, readings_at)
     keyframes, _ = fit.fitted(fit.prior(), key)
@@ -163,4 +164,4 @@ def test_frames_are_wanted_from_new_places_and_not_too_often():
         assert wants(keyframes, stamp_ns, np.array(pose)) == wanted
     for names, stds in ((("lamp.power",), (STD,)), ((), ())):  # where nothing is to be learnt, none
         space = BiasSpace(Constants(names, stds), HOLD_S)
-        assert wants(BiasFit(space, HOLD_S, AsTheyAre()).prior(), 0, np.zeros(5)) == bool(names)
+        assert wants(BiasFit(space, HOLD_S, LINEAR_IN_ALL).prior(), 0, np.zeros(5)) == bool(names)

@@ -60,27 +60,17 @@ def least_squares(stamps, poses, noises, options):
     return np.linalg.solve(r, q.T @ np.concatenate(values))[-10:], covariance[-10:, -10:]
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_track_is_the_least_squares_solution_over_all_frames(seed):
-    frames = scattered(seed)
-    track = fed(Tracker(OPEN), *zip(*frames, strict=True))
-    state, covariance = least_squares(*frames, OPEN)
-    np.testing.assert_allclose(track.pose, state[:5], rtol=1e-7, atol=1e-8)
-    np.testing.assert_allclose(track.rate, state[5:], rtol=1e-7, atol=1e-8)
-    np.testing.assert_allclose(track.covariance, covariance[:5, :5], rtol=1e-7, atol=1e-9)
-    np.testing.assert_allclose(track.joint_covariance, covariance, rtol=1e-7, atol=1e-9)
-    assert (track.stamp_ns, track.frames) == (frames[0][-1], 12)
-
-
-def test_the_common_share_of_the_variance_is_not_averaged_but_added():
-    options = dataclasses.replace(OPEN, common_share=0.3)
-    stamps, poses, noises = scattered(9)
+@pytest.mark.parametrize(("seed", "share"), [(0, 0.0), (1, 0.0), (2, 0.0), (9, 0.3)])
+def test_the_track_is_the_least_squares_solution_and_the_common_share_is_added(seed, share):
+    stamps, poses, noises = scattered(seed)
+    options = dataclasses.replace(OPEN, common_share=share)
     track = fed(Tracker(options), *zip(stamps, poses, noises, strict=True))
-    state, covariance = least_squares(stamps, poses, 0.7 * noises, options)
-    np.testing.assert_allclose(track.pose, state[:5], rtol=1e-7, atol=1e-8)
-    covariance[:5, :5] += 0.3 * noises[-1]
-    np.testing.assert_allclose(track.covariance, covariance[:5, :5], rtol=1e-7, atol=1e-9)
+    state, covariance = least_squares(stamps, poses, (1 - share) * noises, options)
+    covariance[:5, :5] += share * noises[-1]
+    np.testing.assert_allclose([*track.pose, *track.rate], state, rtol=1e-7, atol=1e-8)
     np.testing.assert_allclose(track.joint_covariance, covariance, rtol=1e-7, atol=1e-9)
+    np.testing.assert_array_equal(track.covariance, track.joint_covariance[:5, :5])
+    assert (track.stamp_ns, track.frames) == (stamps[-1], 12)
 
 
 def test_the_distance_is_mahalanobis_from_what_the_frames_before_predict():

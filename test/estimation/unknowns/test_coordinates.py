@@ -222,9 +222,10 @@ def test_a_wrong_constant_that_keeps_the_coordinates_keeps_the_light(effects, na
         assert np.abs(kept - light).max() < 0.1 * np.abs(moved - light).max()
 
 
-def test_angles_differ_the_short_way_round():
-    joint = JointCoordinates(frame_of(ForwardModel(scene_with(WATER, "curved"))), NAMES)
-    one, other = np.full(9, 3.1), np.full(9, -3.1)
+@pytest.mark.parametrize(("linear", "angles"), [(False, [0, 4]), (True, [4])])
+def test_angles_differ_the_short_way_round(linear, angles):
+    frame = None if linear else frame_of(ForwardModel(scene_with(WATER, "curved")))
     expected = np.full(9, 6.2)
-    expected[[0, 4]] -= 2 * np.pi
-    np.testing.assert_allclose(joint.difference(one, other), expected, rtol=1e-12)
+    expected[angles] -= 2 * np.pi
+    found = JointCoordinates(frame, NAMES).difference(np.full(9, 3.1), np.full(9, -3.1))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)

@@ -30,7 +30,7 @@ from uuv_optical_array.estimation.tracking.measurement import Measurement, check
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import POSE
 from uuv_optical_array.estimation.unknowns.constants import Constants
-from uuv_optical_array.estimation.unknowns.joint_coordinates import AsTheyAre, JointCoordinates
+from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordinates
 from uuv_optical_array.forward.prior import SHADE_DOUBT
 
 # A shaded pose has SHADE_DOUBT times the variance of a clear one. This share of it is one error for
@@ -102,7 +102,7 @@ class Correction:
     ) -> None:
         c, self._space = constants, space
         self._constants = constants
-        self._coordinates = JointCoordinates(c.frame, c.names) if c.frame else AsTheyAre()
+        self._coordinates = JointCoordinates(c.frame, c.names)
         self._settings, self._gate = settings, gate
         self.fit = BiasFit(space, settings.constants_hold_s, self._coordinates)
 

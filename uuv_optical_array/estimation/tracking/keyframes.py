@@ -30,7 +30,7 @@ from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import Biases, BiasSpace
 from uuv_optical_array.estimation.tracking.measurement import Measurement
-from uuv_optical_array.estimation.unknowns.joint_coordinates import AsTheyAre
+from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordinates
 
 EVERY_S = 0.09  # between keyframes, at first: ten a second, of stamps that vary a little
 NEW_PLACE = 1.0  # from the last keyframe, in standard deviations of the pose of one frame
@@ -95,7 +95,7 @@ class BiasFit:
     - coordinates: straight ones of pose and constants.
     """
 
-    def __init__(self, space: BiasSpace, hold_s: float, coordinates: AsTheyAre) -> None:
+    def __init__(self, space: BiasSpace, hold_s: float, coordinates: JointCoordinates) -> None:
         self._space, self._coordinates = space, coordinates
         self._memory_ns = MEMORY * hold_s * 1e9
 

@@ -111,50 +111,36 @@ def prepare(constants: Constants) -> None:
     compilation.prepare(write_place, joint, at, at.copy(), np.eye(len(at)))
 
 
-class AsTheyAre:
-    """Pose and constants themselves as coordinates, for light that is linear in them."""
-
-    def of(self, at: Array) -> Array:
-        """Return the coordinates of pose and constants, shape ``(5 + q,)`` both."""
-        return at.copy()
-
-    def place(self, coordinates: Array) -> tuple[Array, Array]:
-        """Return pose and constants at coordinates, and their slopes by them.
-
-        - returned at: shape ``(5 + q,)``.
-        - returned slopes: shape ``(5 + q, 5 + q)``.
-        """
-        return coordinates.copy(), np.eye(len(coordinates))
-
-    def difference(self, coordinates: Array, others: Array) -> Array:
-        """Return by how much coordinates differ, angles in [-pi, pi], shape ``(5 + q,)``."""
-        return wrapped(coordinates - others, YAW)
-
-
-class JointCoordinates(AsTheyAre):
+class JointCoordinates:
     """From pose and constants to coordinates and back; the constants stay as they are.
 
-    - frame: of the scene, as `coordinates.frame_of` returns it.
+    - frame: of the scene, as `coordinates.frame_of` returns it; ``None``: the coordinates are pose
+      and constants themselves, for light that is linear in them.
     - names: dotted names of the constants; those that do not change the attenuation are left alone.
     """
 
-    def __init__(self, frame: CoordinateFrame, names: Sequence[str]) -> None:
+    def __init__(self, frame: CoordinateFrame | None, names: Sequence[str]) -> None:
         def place(name: str) -> int:
             return 5 + names.index(name) if name in names else -1
 
         water = max(place(ATTENUATION), place(ABSORPTION))
-        self._joint = Joint(frame, place(POWER), water, place(BEAM_SIGMA), place(SCATTERING))
+        places = place(POWER), water, place(BEAM_SIGMA), place(SCATTERING)
+        self._joint = Joint(frame, *places) if frame else None
 
     def of(self, at: Array) -> Array:
-        """Return the coordinates of pose and constants."""
+        """Return the coordinates of pose and constants, shape ``(5 + q,)`` both."""
+        if self._joint is None:
+            return at.copy()
         return np.asarray(compilation.loaded(coordinates_of)(self._joint, at))
 
     def place(self, coordinates: Array) -> tuple[Array, Array]:
-        """Return pose and constants at coordinates, and their slopes by them."""
+        """Return pose and constants, ``(5 + q,)``, and their slopes, ``(5 + q, 5 + q)``."""
         at, slopes = coordinates.copy(), np.eye(len(coordinates))
-        compilation.loaded(write_place)(self._joint, coordinates, at, slopes)
+        if self._joint is not None:
+            compilation.loaded(write_place)(self._joint, coordinates, at, slopes)
         return at, slopes
 
     def difference(self, coordinates: Array, others: Array) -> Array:
-        """Return by how much coordinates differ."""
-        return wrapped(super().difference(coordinates, others), AZIMUTH)
+        """Return by how much coordinates differ, angles in [-pi, pi], shape ``(5 + q,)``."""
+        off = wrapped(coordinates - others, YAW)
+        return off if self._joint is None else wrapped(off, AZIMUTH)

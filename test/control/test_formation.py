@@ -166,7 +166,7 @@ angle = st.floats(-1.5, 1.5)
 def test_speed_and_acceleration_stay_within_their_limits(frames):
     # A minimum distance is kept however hard that brakes, and so is the time to a stop in the dark,
     # where poses at the lamp are refused: from 1 m/s it takes 5 s at the limit.
-    settings = FormationSettings((-6.0, 0.0, 0.0), 0.0, stop_time_s=5.0, gate_probability=1.0)
+    settings = FormationSettings((-6.0, 0.0, 0.0), 0.0, stop_time_s=5.0)
     controller, now, before = FormationController(settings), 0.0, np.zeros(6)
     controller.update(now, STATION, PUBLISHED, STILL)
     fastest = np.array([1.0, 0.6, 0.6, 0, *np.radians([10, 10])])
@@ -190,7 +190,6 @@ def test_each_command_is_that_of_the_law_written_a_second_time(station_m):
         position_gain_per_s=0.5,
         attitude_gain_per_s=0.3,
         smoothing_s=0.6,
-        gate_probability=1.0,
     )
     rng, spread = np.random.default_rng(6), np.linalg.cholesky(PUBLISHED)
     station = np.array([*station_m, 0, 0])

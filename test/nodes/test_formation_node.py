@@ -112,7 +112,7 @@ def too_fast(message):
     ("spoil", "words"),
     [
         (too_fast, ("out of bounds", "twist")),
-        (far_off, ("outlier", "standard deviations off")),
+        (far_off, ("outlier", "beyond the reach")),
         (lambda message: setattr(message.header, "stamp", time_of(START)), ("100.0", "not after")),
     ],
     ids=["too fast", "outlier", "repeated stamp"],

@@ -10,8 +10,7 @@ The station is a place behind the lamp, on the beam's axis or beside it. It turn
 
 The follower keeps a minimum distance to the lamp. Its nearest possible range is that of the
 predicted pose or that of the newest pose, whichever is less, less `RANGE_STDS` standard deviations
-of the newest pose. A pose that is refused counts as measured. For every command while the light is
-not lost:
+of the newest pose. For every command while the light is not lost:
 
 - where that range is at or below the minimum, nothing moves the follower towards the lamp,
   whatever the limits of acceleration say, and it backs off;
@@ -25,8 +24,10 @@ but for the latency of the poses and of the vehicle. A range that errs by more t
 be recognised. A command of zero is rest in the water: without light a current carries the
 follower along.
 
-A pose beyond the minimum whose range may err by itself steers nothing. The track says that little
-of its pose while the images are not of the scene (`Track.mismatch`), so the follower stops.
+What is refused steers nothing, and where nothing else comes the follower stops. Beyond the minimum
+that is a pose whose range may err by itself, which is all that the track says while the images are
+not of the scene (`Track.mismatch`), and one that no vehicle can have reached since the one before.
+Outliers less far off are the tracker's to find: they get no track.
 """
 
 import math
@@ -35,18 +36,19 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtri
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.core.settings import Place, Quantity
 from uuv_optical_array.estimation.tracking.measurement import checked_pose
-from uuv_optical_array.estimation.tracking.motion import OwnMotion, checked_rate, in_beacon
-from uuv_optical_array.estimation.tracking.settings import GateProbability, TrackerSettings
+from uuv_optical_array.estimation.tracking.motion import (
+    MAX_RATE,
+    OwnMotion,
+    checked_rate,
+    in_beacon,
+)
 from uuv_optical_array.estimation.tracking.track import Outlier
 
-# By how much the leader's rate may differ from the last one known, one standard deviation.
-RATE_CHANGE = np.array([0.5, 0.2, 0.2, 0.1, 0.1])  # m/s, rad/s
 RANGE_STDS = 3.0  # how far a range may err, in standard deviations
 MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 
@@ -81,7 +83,6 @@ class FormationSettings:
         float, Quantity("without a pose for longer, the light is lost", "s", 0.1, 60)
     ] = 1.0
     stop_time_s: Annotated[float, Quantity("from lost light to standstill", "s", 0.1, 60)] = 3.0
-    gate_probability: GateProbability = TrackerSettings.gate_probability
 
     def __post_init__(self) -> None:
         if not self.station_m[0] <= -0.5:
@@ -92,11 +93,11 @@ class FormationSettings:
 
 
 class _Odometry(NamedTuple):
-    """A checked pose, its covariance, and the part of its rate that is the leader's motion."""
+    """A checked pose, by what its range may err, m, and the leader's motion in its rate."""
 
     stamp_ns: int
     pose: Array
-    covariance: Array
+    margin_m: float
     leader_rate: Array
 
 
@@ -108,13 +109,9 @@ class FormationController:
 
     def __init__(self, settings: FormationSettings) -> None:
         self._own = OwnMotion()  # the commands
-        self._track: _Odometry | None = None  # the newest that steers; None: the light is lost
-        self._steered_ns: int | None = None  # stamp of the newest that steered
-        # The newest that was refused since, and how many of these in a row agree.
-        self._refused: tuple[_Odometry, int] | None = None
-        # Of the newest pose, refused or not: its stamp, and its nearest possible range.
-        self._newest_ns, self._nearest_m = 0, math.inf
-        self._margin_m = 0.0  # by which the range of the newest pose that steers may err
+        self._newest: _Odometry | None = None
+        self._track: _Odometry | None = None  # the newest that was not refused
+        self._lit = False  # whether it steers: else the light is lost
         self._commanded_ns: int | None = None
         self._rate: Array = np.zeros(5)  # commanded: surge, sway, heave, pitch rate, yaw rate
         self._cruise: Array = np.zeros(5)  # the last rate commanded in the light
@@ -130,7 +127,6 @@ class FormationController:
             [s.max_surge_m_per_s, s.max_sway_m_per_s, s.max_sway_m_per_s, turn, turn]
         )
         self._max_slew = np.repeat([s.max_acceleration_m_per_s2, turn_acceleration], [3, 2])
-        self._gate = math.sqrt(chdtri(5, 1 - s.gate_probability))
         self._timeout_ns = round(s.light_timeout_s * 1e9)
 
     def update(
@@ -139,15 +135,13 @@ class FormationController:
         """Take a relative pose and its rate.
 
         - stamp_s: when its image was taken, s. One farther from the last than ``light_timeout_s``,
-          on either side, begins anew: the light was lost, or the clock was reset. Where poses were
-          refused before, `TrackerSettings.reacquire_frames` that agree have to come first.
+          on either side, begins anew: the light was lost, or the clock was reset.
         - pose: ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
         - covariance: of `pose`, shape ``(5, 5)``, positive definite.
         - rate: of `pose`, the follower's own motion included, m/s and rad/s, shape ``(5,)``.
-        - Outlier: for a pose beyond the gate: too far from the last one as its rate and the
-          commands carry it on. It steers nothing unless others confirm it; nearer than
-          ``min_distance_m`` it keeps the follower from closing in until the next pose.
-        - NoPose: for a pose beyond the minimum whose range may err by itself; it steers nothing.
+        - Outlier: for a pose beyond the minimum and farther from the one before, and from the last
+          that steered, than these may err and any vehicle moves meanwhile.
+        - NoPose: for a pose beyond the minimum whose range may err by itself.
         - ValueError: for a pose, rate or stamp that is not finite or out of bounds, a covariance
           that is not positive definite, or a stamp that does not advance; the controller is left as
           it was.
@@ -155,58 +149,34 @@ class FormationController:
         stamp_ns = _nanoseconds("pose: stamp", stamp_s)
         pose, _ = checked_pose(pose, covariance)
         rate = checked_rate("rate", rate)
-        if self._steered_ns is not None and 0 <= self._newest_ns - stamp_ns <= self._timeout_ns:
-            newest_s = self._newest_ns * 1e-9
+        before = self._newest
+        if before and 0 <= before.stamp_ns - stamp_ns <= self._timeout_ns:
+            newest_s = before.stamp_ns * 1e-9
             raise ValueError(f"pose: stamp {stamp_s:.3f} s is not after {newest_s:.3f} s")
-        leader_rate = rate - in_beacon(pose, self._own.twist(stamp_ns))
-        new = _Odometry(stamp_ns, pose, np.array(covariance, dtype=float), leader_rate)
         range_m, away = _polar(pose[:3])
-        distance = self._distance(self._track, new) if self._track else math.inf
-        lit = math.isfinite(distance)
-        self._newest_ns = stamp_ns
-        margin_m = RANGE_STDS * math.sqrt(away @ new.covariance[:3, :3] @ away)
-        if margin_m >= range_m > self._settings.min_distance_m:
-            self._nearest_m = math.inf
+        margin_m = RANGE_STDS * math.sqrt(away @ np.asarray(covariance)[:3, :3] @ away)
+        leader_rate = rate - in_beacon(pose, self._own.twist(stamp_ns))
+        new = self._newest = _Odometry(stamp_ns, pose, margin_m, leader_rate)
+        if range_m > self._settings.min_distance_m:
+            self._refuse(new, range_m, before)
+        self._track, self._lit = new, True
+        self._cruise = self._rate  # lest a stale pose bring the old speed back
+
+    def _refuse(self, new: _Odometry, range_m: float, before: _Odometry | None) -> None:
+        """Raise NoPose where the range may err by itself, or no pose before leads to this one."""
+        if new.margin_m >= range_m:
             raise NoPose(
                 f"too uncertain: the range of {range_m:.3g} m has a standard deviation of "
-                f"{margin_m / RANGE_STDS:.3g} m"
+                f"{new.margin_m / RANGE_STDS:.3g} m"
             )
-        if distance > self._gate and (lit or self._refused):
-            agreeing = 1
-            if self._refused and self._distance(self._refused[0], new) <= self._gate:
-                agreeing += self._refused[1]
-            if agreeing < TrackerSettings.reacquire_frames:
-                self._refused = new, agreeing
-                near = range_m < self._settings.min_distance_m
-                self._nearest_m = range_m if near else math.inf
-                raise Outlier(
-                    f"outlier: {distance:.3g} standard deviations off, more than {self._gate:.3g}"
-                )
-        self._margin_m, self._nearest_m = margin_m, range_m - margin_m
-        if not lit:
-            self._cruise = self._rate
-        self._track, self._steered_ns, self._refused = new, stamp_ns, None
-
-    def _distance(self, before: _Odometry, new: _Odometry) -> float:
-        """Return how far a pose is from where one before leads to, in standard deviations.
-
-        It is infinite where these are farther apart in time than the light's timeout.
-        """
-        if not 0 < new.stamp_ns - before.stamp_ns <= self._timeout_ns:
-            return math.inf
-        off = wrapped(new.pose - self._predicted(before, new.stamp_ns))
-        step_s = (new.stamp_ns - before.stamp_ns) * 1e-9
-        spread = before.covariance + new.covariance + np.diag((step_s * RATE_CHANGE) ** 2)
-        return math.sqrt(off @ np.linalg.solve(spread, off))
-
-    def _predicted(self, track: _Odometry, stamp_ns: int) -> Array:
-        """Return the pose at a later stamp, by the leader's motion and the commands."""
-        moved = (stamp_ns - track.stamp_ns) * 1e-9 * track.leader_rate
-        return (
-            track.pose
-            + moved
-            + in_beacon(track.pose, self._own.displacement(track.stamp_ns, stamp_ns))
-        )
+        beyond_m = [
+            float(np.linalg.norm(new.pose[:3] - old.pose[:3]))
+            - (new.margin_m + old.margin_m + MAX_RATE[0] * (new.stamp_ns - old.stamp_ns) * 1e-9)
+            for old in (self._track, before)
+            if old and 0 < new.stamp_ns - old.stamp_ns <= self._timeout_ns
+        ]
+        if beyond_m and min(beyond_m) > 0:
+            raise Outlier(f"outlier: {min(beyond_m):.3g} m beyond the reach of the poses before")
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:
         """Return the twist to command at the present, s, on the clock of the stamps.
@@ -216,21 +186,17 @@ class FormationController:
         within ``stop_time_s``. ValueError for a present that is not finite.
         """
         now_ns = _nanoseconds("now_s", now_s)
-        if self._steered_ns is None:
+        if self._track is None:
             return None
         s = self._settings
         elapsed_s = 0.0 if self._commanded_ns is None else (now_ns - self._commanded_ns) * 1e-9
         self._commanded_ns = now_ns
         # A stamp far in the future is as stale as one long past: the clock was reset.
-        dark_s = abs(now_ns - self._steered_ns) * 1e-9 - s.light_timeout_s
+        dark_s = abs(now_ns - self._track.stamp_ns) * 1e-9 - s.light_timeout_s
         if dark_s > 0:
-            self._track = None
-            near = s.min_distance_m > 0 and self._nearest_m <= s.min_distance_m
-            if near and abs(now_ns - self._newest_ns) <= self._timeout_ns:
-                # Unconfirmed as it is, it gives no direction to back off.
-                self._cruise = self._cruise * [0.0, 0.0, 0.0, 1.0, 1.0]
+            self._lit = False
             self._rate = self._cruise * max(0.0, 1.0 - dark_s / s.stop_time_s)
-        elif self._track:
+        elif self._lit:
             elapsed_s = min(max(elapsed_s, 0.0), s.light_timeout_s)
             self._cruise = self._rate = self._steered(self._track, now_ns, elapsed_s)
         else:
@@ -243,7 +209,12 @@ class FormationController:
     def _steered(self, track: _Odometry, now_ns: int, elapsed_s: float) -> Array:
         """Return the rate to command in the light, a time after the last command, s."""
         # A stamp a little in the future is taken for the present.
-        pose = self._predicted(track, max(now_ns, track.stamp_ns))
+        now_ns = max(now_ns, track.stamp_ns)
+        pose = (
+            track.pose
+            + (now_ns - track.stamp_ns) * 1e-9 * track.leader_rate
+            + in_beacon(track.pose, self._own.displacement(track.stamp_ns, now_ns))
+        )
         to_body = rotation_matrix(pose[PITCH], pose[YAW]).T
         wanted = self._gain * (self._station - pose) - track.leader_rate
         wanted[:3] = to_body @ wanted[:3]
@@ -251,28 +222,31 @@ class FormationController:
         change = (wanted - self._rate) * min(elapsed_s / self._settings.smoothing_s, 1.0)
         slew = self._max_slew * elapsed_s
         rate = self._rate + np.clip(change, -slew, slew)
-        place, drift = to_body @ pose[:3], to_body @ track.leader_rate[:3]
-        rate[:3] = self._kept_off(rate[:3], place, drift, float(slew[0]))
+        range_m, away = _polar(to_body @ pose[:3])
+        nearest_m = min(range_m, float(np.linalg.norm(track.pose[:3]))) - track.margin_m
+        drift = float(away @ (to_body @ track.leader_rate[:3]))
+        rate[:3] = self._kept_off(rate[:3], nearest_m, away, drift, float(slew[0]))
         return rate
 
-    def _kept_off(self, velocity: Array, place: Array, drift: Array, slew: float) -> Array:
+    def _kept_off(
+        self, velocity: Array, nearest_m: float, away: Array, drift: float, slew: float
+    ) -> Array:
         """Return the velocity nearest to one wanted that keeps the minimum distance, m/s.
 
-        `place` is the follower from the lamp (m), `drift` its motion by that of the leader (m/s),
-        all in its own frame; `slew` is how much the speed of backing off may grow, m/s.
+        `away` points from the lamp, as `velocity` in the follower's frame. By `drift` the leader
+        makes the range grow, m/s; `slew` is how much the speed of backing off may, m/s.
         """
         s = self._settings
         if s.min_distance_m == 0:
             return velocity
-        range_m, away = _polar(place)
-        spare_m = min(range_m - self._margin_m, self._nearest_m) - s.min_distance_m
+        spare_m = nearest_m - s.min_distance_m
         if spare_m > 0:
             blind_s = s.light_timeout_s + s.stop_time_s / 2  # of the speed, once the light is lost
             braking = math.sqrt(2 * s.max_acceleration_m_per_s2 * spare_m)
             allowed = min(spare_m / blind_s, braking)
         else:
             allowed = s.position_gain_per_s * spare_m
-        allowed += min(float(away @ drift), 0.0)  # a leader that comes nearer
+        allowed += min(drift, 0.0)  # a leader that comes nearer
         # Backing off gains speed as any motion does.
         allowed = max(allowed, min(-float(away @ self._rate[:3]), 0.0) - slew)
         # Straight away from the lamp, within the limits of all axes.

@@ -112,6 +112,12 @@ def test_below_the_minimum_no_command_closes_in(frames):
             assert surge(controller, now) <= 1e-12
 
 
+def test_after_a_near_pose_no_prediction_lets_it_close_in():
+    controller, now = under_way()
+    controller.update(now + 0.1, along(-1.9), EXACT, along(-5.0))  # a leader that runs away
+    assert surge(controller, now + 0.9) <= 1e-12
+
+
 @given(st.floats(0, 2 * np.pi), st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4)))
 @settings(max_examples=30)
 def test_nor_does_a_sideways_one_but_it_backs_off(round_beam, turned):

@@ -22,7 +22,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from tracks import turned
 
+from uuv_optical_array.control.bluerov2 import BlueRov2
 from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.sea import Sea
+from uuv_optical_array.control.vehicles import Vehicle
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.settings import check_all
 
@@ -56,6 +59,27 @@ def test_follow_of_the_path_with_late_noisy_poses():
     assert (np.degrees(acceleration[:, 4:]).std(axis=0) < 2.0).all()
 
 
+@pytest.mark.parametrize("kind", [Vehicle, BlueRov2])
+def test_a_current_leaves_no_bias(kind):
+    """The lamp holds its place over ground, and the follower is carried along."""
+    rng, flow = np.random.default_rng(1), (-0.3, 0.2, -0.1)
+    std = np.array([0.1, 0.05, 0.05, *np.radians([1.0, 1.0])])
+    errors, commands = follow(
+        45,
+        lambda pose: pose + std * rng.standard_normal(5),
+        steady([0, 0, 0], [0, 0, 0]),
+        (0, 0, 0),
+        np.diag(std**2),
+        tracked=True,
+        start=kind(np.zeros(3), sea=Sea(flow)),
+    )
+    errors, commands = errors[-600:, :3], commands[-600:, :3]
+    assert np.linalg.norm(errors.mean(axis=0)) < 0.05
+    assert np.linalg.norm(errors, axis=1).mean() < 0.05
+    # What it swims through the water is what the water flows.
+    assert commands.mean(axis=0) == pytest.approx(np.negative(flow), abs=0.02)
+
+
 def test_a_leader_too_fast_to_follow_winds_nothing_up():
     def dash(now):
         return np.array([1.4 if now < 15 else 0.5, 0, 0]), np.zeros(3)
@@ -66,14 +90,6 @@ def test_a_leader_too_fast_to_follow_winds_nothing_up():
     # It comes back without running past the station.
     assert errors[:, 0].max() < 0.2
     assert np.abs(errors[-1]).max() < 0.01
-
-
-def test_nothing_is_commanded_before_the_first_pose():
-    controller = FormationController(SETTINGS)
-    assert controller.command(0.0) is None
-    assert controller.command(100.0) is None
-    controller.update(100.0, STATION, PUBLISHED, STILL)
-    assert controller.command(100.05) is not None
 
 
 def test_lost_light_is_a_straight_ramp_to_a_stop():

@@ -140,18 +140,6 @@ def test_leader_path_is_smooth_bounded_and_periodic():
     assert (angular[times < 12] == 0).all()
 
 
-@pytest.mark.parametrize("offset", [(-0.5, -0.2, 0.0), (0.0, 0.3, -0.1)])
-def test_follower_starts_behind_the_leader_parallel_and_at_rest(offset):
-    leader = Vehicle([3.0, -2.0, -5.0], pitch=0.1, yaw=2.0)
-    follower = start_behind(leader, (-6.0, 1.0, 0.5), offset)
-    pose, roll = relative_pose(
-        leader.position, leader.rotation, follower.position, follower.rotation
-    )
-    assert pose == pytest.approx([offset[0] - 6, offset[1] + 1, offset[2] + 0.5, 0, 0], abs=1e-12)
-    assert roll == pytest.approx(0, abs=1e-12)
-    assert (follower.linear == 0).all()
-
-
 CURRENT = np.array([0.3, -0.2, 0.1])
 WAVES = WaveSettings(wave_height_m=1.0, wave_period_s=6.0, wave_direction_deg=30.0, depth_m=4.0)
 KINDS = pytest.mark.parametrize("kind", [Vehicle, BlueRov2])
@@ -219,12 +207,20 @@ def test_an_idle_body_goes_round_in_the_orbit_of_the_water():
 
 
 @KINDS
-def test_a_follower_starts_as_the_leader_s_like_in_its_sea(kind):
-    leader = kind([3.0, 0.0, 0.0], yaw=0.5, sea=Sea(CURRENT))
-    follower = start_behind(leader, 6.0)
-    assert type(follower) is kind
-    assert follower.sea is leader.sea
-    assert start_behind(kind([0.0, 0.0, 0.0]), 6.0).sea is STILL_SEA
+@pytest.mark.parametrize("offset", [(-0.5, -0.2, 0.0), (0.0, 0.3, -0.1)])
+def test_a_follower_of_the_leaders_kind_starts_behind_it_parallel_and_at_rest(kind, offset):
+    leader = kind([3.0, -2.0, -5.0], pitch=0.1, yaw=2.0, sea=Sea(waves=WAVES))
+    follower = start_behind(leader, (-6.0, 1.0, 0.5), offset)
+    pose, roll = relative_pose(
+        leader.position, leader.rotation, follower.position, follower.rotation
+    )
+    assert pose == pytest.approx([offset[0] - 6, offset[1] + 1, offset[2] + 0.5, 0, 0], abs=1e-12)
+    assert roll == pytest.approx(0, abs=1e-12)
+    assert (type(follower), follower.sea) == (kind, leader.sea)
+    # At rest through the water, or over ground.
+    still = start_behind(kind([0.0, 0.0, 0.0]), (-6.0, 0.0, 0.0))
+    assert still.sea is STILL_SEA
+    assert not still.linear.any()
 
 
 def test_a_kinematic_vehicle_in_a_current_moves_as_in_still_water_and_drifts():

@@ -53,56 +53,40 @@ def spaced(low, high, count=20_000):
     return np.random.default_rng(5).uniform(low, high, count)
 
 
-def test_the_exponential_is_that_of_numpy_to_the_last_digit(mathematics):
-    numbers = np.concatenate([spaced(-708, 700), spaced(-1, 1), [0.0, -0.0, -1e-300, -707.99, 700]])
-    found = np.array([mathematics.exponential(x) for x in numbers])
-    np.testing.assert_allclose(found, np.exp(numbers), rtol=4e-16)
-    assert [mathematics.exponential(x) for x in (-708.1, -1e5, -1e200, -np.inf)] == [0.0] * 4
-    assert np.isnan(mathematics.exponential(np.nan))
+UP = np.geomspace(1e-300, 700, 400)
+STEPS = np.nextafter(np.repeat([0.5, np.sqrt(0.5), 1.0, np.sqrt(2.0), 2.0], 2), [0.0, 9.0] * 5)
+POWERS = [spaced(-708, 700), spaced(-1, 1), [0.0, -0.0, -1e-300, -707.99, 700]]
+SIZES = [10 ** spaced(-307, 308), spaced(0.5, 2), STEPS, [1e-3, 1.0, 1e308]]
+TURNS = [spaced(-30, 30), np.arange(-40, 41) * np.pi / 2, [0.0, 1e-9, -1e-300]]
+SCALED = [spaced(-26, 40), 10 ** spaced(1, 150), [0.0, 24.99, 25.0, 25.01]]
+NORMAL = [spaced(-40, 10), -(10 ** spaced(0, 100)), [0.0, -1.0, -0.999, 37.0]]
+NAN, INF = np.nan, np.inf
 
 
-def test_the_exponential_less_one_is_that_of_numpy_to_the_last_digits(mathematics):
-    small = np.geomspace(1e-300, 700, 400)
-    numbers = np.concatenate([-small, [0.0], small])
-    found = np.array([mathematics.exponential_less_one(x) for x in numbers])
-    np.testing.assert_allclose(found, np.expm1(numbers), rtol=1e-15)
-    assert [mathematics.exponential_less_one(x) for x in (-1e5, -np.inf)] == [-1.0] * 2
-
-
-def test_the_logarithm_is_that_of_numpy_to_the_last_digit(mathematics):
-    edges = np.nextafter(np.repeat([0.5, np.sqrt(0.5), 1.0, np.sqrt(2.0), 2.0], 2), [0.0, 9.0] * 5)
-    numbers = np.concatenate([10 ** spaced(-307, 308), spaced(0.5, 2), edges, [1e-3, 1.0, 1e308]])
-    found = np.array([mathematics.logarithm(x) for x in numbers])
-    np.testing.assert_allclose(found, np.log(numbers), rtol=5e-16)
-    assert [mathematics.logarithm(x) for x in (0.0, -0.0)] == [-np.inf] * 2
-    assert np.isnan([mathematics.logarithm(x) for x in (-1.0, np.nan, np.inf, -np.inf)]).all()
-
-
-def test_sine_and_cosine_are_those_of_numpy_for_some_turns(mathematics):
-    quarters = np.arange(-40, 41) * np.pi / 2
-    angles = np.concatenate([spaced(-30, 30), quarters, [0.0, 1e-9, -1e-300]])
-    for found, expected in ((mathematics.sine, np.sin), (mathematics.cosine, np.cos)):
-        values = np.array([found(x) for x in angles])
-        np.testing.assert_allclose(values, expected(angles), rtol=0, atol=1e-15)
-    # Small angles keep their digits.
-    small = 10 ** spaced(-200, -1)
-    np.testing.assert_allclose([mathematics.sine(x) for x in small], np.sin(small), rtol=4e-16)
-    # What 2000 pi itself is known to, and some digits more.
-    far = spaced(-1, 1) + 2000 * np.pi
-    np.testing.assert_allclose([mathematics.sine(x) for x in far], np.sin(far), atol=1e-11)
-
-
-def test_the_scaled_complementary_error_function_is_scipys(mathematics):
-    numbers = np.concatenate([spaced(-26, 40), 10 ** spaced(1, 150), [0.0, 24.99, 25.0, 25.01]])
-    found = np.array([mathematics.scaled_complementary_error(x) for x in numbers])
-    np.testing.assert_allclose(found, erfcx(numbers), rtol=1e-12)
-
-
-def test_the_logarithm_of_the_normal_distribution_is_scipys(mathematics):
-    numbers = np.concatenate([spaced(-40, 10), -(10 ** spaced(0, 100)), [0.0, -1.0, -0.999, 37.0]])
-    found = np.array([mathematics.log_normal_distribution(u) for u in numbers])
-    np.testing.assert_allclose(found, log_ndtr(numbers), rtol=1e-12, atol=1e-300)
-    assert mathematics.log_normal_distribution(-1e100) == pytest.approx(-5e199)
+@pytest.mark.parametrize(
+    ("name", "theirs", "numbers", "rtol", "atol", "edges"),
+    [
+        ("exponential", np.exp, POWERS, 4e-16, 0, {-708.1: 0, -1e200: 0, -INF: 0, NAN: NAN}),
+        ("exponential_less_one", np.expm1, [-UP, [0.0], UP], 1e-15, 0, {-1e5: -1, -INF: -1}),
+        ("logarithm", np.log, SIZES, 5e-16, 0, {-0.0: -INF, -1: NAN, NAN: NAN, INF: NAN}),
+        ("logarithm", np.log, SIZES, 5e-16, 0, {0.0: -INF, -INF: NAN}),
+        ("sine", np.sin, TURNS, 0, 1e-15, {}),
+        ("cosine", np.cos, TURNS, 0, 1e-15, {}),
+        ("sine", np.sin, [10 ** spaced(-200, -1)], 4e-16, 0, {}),  # small ones keep their digits
+        # What 2000 pi itself is known to, and some digits more.
+        ("sine", np.sin, [spaced(-1, 1) + 2000 * np.pi], 1e-7, 1e-11, {}),
+        ("scaled_complementary_error", erfcx, SCALED, 1e-12, 0, {}),
+        ("log_normal_distribution", log_ndtr, NORMAL, 1e-12, 1e-300, {-1e100: -5e199}),
+    ],
+)
+def test_a_function_is_that_of_numpy_or_scipy(
+    mathematics, name, theirs, numbers, rtol, atol, edges
+):
+    function, numbers = getattr(mathematics, name), np.concatenate(numbers)
+    found = [function(x) for x in numbers]
+    np.testing.assert_allclose(found, theirs(numbers), rtol=rtol, atol=atol)
+    at_edges = [function(x) for x in edges]
+    np.testing.assert_allclose(at_edges, list(edges.values()), rtol=1e-6)
 
 
 def test_without_numba_asking_for_it_is_refused_with_the_cure_and_numpy_goes_on():

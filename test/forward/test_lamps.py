@@ -109,14 +109,6 @@ def test_the_unknown_roll_is_a_turn_of_the_follower_about_the_beam(pose, roll, a
     np.testing.assert_allclose(MODEL.light(turned, turned_roll), light, rtol=1e-9)
 
 
-def test_one_lamp_does_not_show_the_roll_and_three_do():
-    pose, angle = np.array([-5.0, 0.4, -0.3, 0.1, 0.15]), 0.1
-    for name, shows in (("sunlit_modulated", False), ("leading_lights", True)):
-        model = ForwardModel(load_scene(name))
-        same = model.light(*rolled(pose, 0.0, angle)) - model.light(pose)
-        assert (np.abs(same).max() > 1) == shows
-
-
 def test_the_bound_is_that_of_pose_and_roll_together():
     """By differences of the light at a pose and a roll, with the prior of the roll, inverted."""
     known = PriorSettings(roll_std_deg=2.0)

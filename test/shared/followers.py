@@ -112,15 +112,17 @@ def follow(
     latency_ticks=1,
     settings=None,
     tracked=False,
+    start=None,
 ):
     """Run both vehicles; poses come at 10 Hz, late, and commands at 20 Hz.
 
-    Rates are true, or a tracker's. Returns the true errors of the pose and the commands (linear,
+    Rates are true, or a tracker's. The follower is of the leader's kind in its sea, or of that of a
+    vehicle at the leader's start. Returns the true errors of the pose and the commands (linear,
     angular), a row a tick.
     """
     leader = Vehicle(np.zeros(3))
     settings = settings or SETTINGS
-    follower = start_behind(leader, settings.station_m, offset)
+    follower = start_behind(start or leader, settings.station_m, offset)
     controller = TrackedLaw(settings) if tracked else FormationController(settings)
     errors, commands, images = [], [], []
     before = relative(leader, follower)

@@ -17,9 +17,9 @@ OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 
 @pytest.fixture
 def images(scene):
-    """Twenty different images of the scene."""
+    """Four different images of the scene."""
     rng = np.random.default_rng(4)
-    poses = rng.uniform([-8, -0.5, -0.5, -0.3, -0.3], [-4, 0.5, 0.5, 0.3, 0.3], (20, 5))
+    poses = rng.uniform([-8, -0.5, -0.5, -0.3, -0.3], [-4, 0.5, 0.5, 0.3, 0.3], (4, 5))
     return ForwardModel(scene).expose(poses, rng)
 
 
@@ -60,17 +60,6 @@ def feeder(lab, scene, scene_file):
     return Feeder(lab, scene, scene_file)
 
 
-def test_every_image_is_answered_with_the_cores_key_parameters_and_its_own_header(feeder, images):
-    for i, image in enumerate(images, start=1):
-        feeder.send(image, i)
-        feeder.check_answer(image, i)
-    assert feeder.seconds_answered() == list(range(1, 21))
-    status = feeder.lab.report(feeder.node, OK, "answered")
-    values = {pair.key: pair.value for pair in status.values}
-    assert values["refused"] == "0"
-    assert float(values["peak_counts"]) in images.max(axis=(1, 2))
-
-
 def brighter_than_full_scale(message):
     message.data[0], message.data[1] = (1024).to_bytes(2, "little")
 
@@ -96,7 +85,8 @@ def test_a_bad_image_is_not_answered_but_told_and_the_next_good_one_is(
     feeder.check_answer(images[2], 12)
     assert feeder.seconds_answered() == [10, 12]
     status = feeder.lab.report(feeder.node, WARN, *words)
-    assert {pair.key: pair.value for pair in status.values}["refused"] == "1"
+    values = {pair.key: pair.value for pair in status.values}
+    assert (values["refused"], values["peak_counts"]) == ("1", f"{images[2].max():g}")
     feeder.send(images[3], 13)
     feeder.check_answer(images[3], 13)
     feeder.lab.report(feeder.node, OK)

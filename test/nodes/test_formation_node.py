@@ -130,12 +130,19 @@ def test_a_bad_pose_is_told_and_steers_nothing(helm, spoil, words):
     helm.lab.report(helm.node, OK)
 
 
-def test_the_helm_is_let_go_with_a_stop_and_taken_back_as_at_the_start(helm):
+def test_the_helm_is_given_let_go_with_a_stop_and_taken_back_as_at_the_start(lab):
+    helm = Helm(lab, start_engaged=False)
+
     def engage(wanted):
         answer = helm.lab.call(SetBool, "formation_node/engage", data=wanted)
         assert answer.success
         return answer.message
 
+    helm.lab.report(helm.node, WARN, "not engaged")
+    helm.see(POSE_ASTERN)
+    helm.tick()
+    assert not helm.commands
+    engage(True)
     for _ in range(5):
         helm.see(POSE_ASTERN)
         before = helm.command()
@@ -156,15 +163,6 @@ def test_the_helm_is_let_go_with_a_stop_and_taken_back_as_at_the_start(helm):
         helm.see(POSE_ASTERN)
         helm.check_command()
     helm.lab.report(helm.node, OK)
-
-
-def test_it_may_start_without_the_helm(lab):
-    helm = Helm(lab, start_engaged=False)
-    helm.lab.report(helm.node, WARN, "not engaged")
-    for _ in range(3):
-        helm.see(POSE_ASTERN)
-        helm.tick()
-    assert not helm.commands
 
 
 @pytest.mark.parametrize("frame", ["leader/beacon", "leader/beacon_ned"])

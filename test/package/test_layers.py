@@ -2,6 +2,7 @@
 
 import ast
 import re
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 
 import pytest
@@ -13,6 +14,7 @@ ORDER = re.findall(r"^\| `(\w+)/` \|", DESIGN, re.MULTILINE)
 ROS = re.compile(r"(rclpy|launch|ament|tf2|tf_transformations)|\w*_(msgs|interfaces)$")
 
 
+@cache
 def imports(source):
     """Return the names that a module imports, at the top or inside a function."""
     names = set()

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from conftest import write_scene
 
-from uuv_optical_array.control.sea import Sea
-from uuv_optical_array.control.vehicles import Vehicle, lead
 from uuv_optical_array.core.geometry import rotation_matrix
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature_table import build_table
@@ -77,18 +75,6 @@ def test_conditions_out_of_bounds_change_nothing(bare, changes, named):
         loop.change(replace(before, **changes))
     assert loop.conditions == before
     np.testing.assert_array_equal(loop.step(0.1).image, first(bare).image)
-
-
-def test_the_leader_holds_its_course_over_ground():
-    still, carried = Vehicle(np.zeros(3)), Vehicle(np.zeros(3), sea=Sea((0.2, -0.3, 0.0)))
-    path_s = 0.0
-    for _ in range(300):
-        lead(still, path_s, 0.1)
-        path_s = lead(carried, path_s, 0.1)
-    assert path_s == pytest.approx(30.0)
-    # What remains is the drift while it gathers way against the current: 0.36 m/s at 0.3 m/s^2.
-    assert np.linalg.norm(carried.position - still.position) < 0.4
-    assert carried.yaw == pytest.approx(still.yaw)
 
 
 @pytest.mark.usefixtures("compiled_fit")

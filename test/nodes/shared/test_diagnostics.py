@@ -219,12 +219,3 @@ def test_the_diagnostics_name_both_until_one_is_gone(lab, node_type, message_typ
     lab.nodes.remove(second)
     second.destroy_node()
     lab.report(node, WARN, "no input")
-
-
-def test_one_publisher_each_is_no_reason_to_warn(lab):
-    lab.begin()
-    node = lab.start(FeatureNode)
-    lab.talk(Image, "array/image")
-    lab.listen(PointCloud2, "array/features")
-    lab.connect()
-    lab.report(node, WARN, "no input")

@@ -71,13 +71,6 @@ def test_lamp_and_daylight_saturate_together_at_the_lamps_peak():
         ForwardModel(scene_with(saturation={"level_counts": 200.0}))
 
 
-def test_a_prior_of_daylight_is_refused():
-    plain = scene_with().settings()
-    plain["prior"]["ambient_std_counts"] = 5.0
-    with pytest.raises(ValueError, match=r"ambient_std_counts: demodulation removes daylight"):
-        scene_from_settings(plain, "daylight")
-
-
 def test_a_calibration_finds_lamp_and_gains_above_the_pedestal():
     truth = load_scene("sunlit_modulated")
     start = dataclasses.replace(

@@ -19,7 +19,6 @@ from uuv_optical_array.forward.effects import EFFECTS, Effect
 from uuv_optical_array.forward.effects.forms import Noise
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scattering import scattered_light
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 ARRAY = build_array(ArraySettings("planar", 5))
 AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]
@@ -172,16 +171,6 @@ def test_the_signals_shot_noise_is_that_of_its_electrons():
     diode = {**DIODE, "bandwidth_hz": bandwidth, "amps_per_count": 1.0}
     shot = effects.electronics.photodiode(None, **diode).slope * current
     assert math.sqrt(shot) == pytest.approx(measured, rel=0.01)
-
-
-def test_an_uncertain_temperature_needs_the_effect_it_acts_through():
-    settings = load_scene("reference").settings()
-    settings["prior"]["temperature_std_c"] = 3.0
-    with pytest.raises(ValueError, match=r"prior.temperature_std_c: the scene has no effects.resp"):
-        scene_from_settings(settings, "test")
-    settings["effects"]["responsivity"] = {"spread": 0.008, "seed": 1}
-    scene = scene_from_settings(settings, "test")
-    assert scene.prior.nuisance_std() == {"responsivity.temperature_c": 3.0}
 
 
 def test_a_rim_halves_the_light_at_the_half_angle_and_cuts_it_off_beyond():

@@ -170,10 +170,3 @@ def test_a_roll_that_goes_with_the_pose_is_in_the_ros_covariance():
 def test_lamps_that_cannot_work_are_refused_with_the_reason(lamps, effects, message):
     with pytest.raises(ValueError, match=message):
         with_lamps(*lamps, **effects)
-
-
-def test_a_prior_of_several_lamps_needs_them():
-    plain = load_scene("follow").settings()
-    plain["prior"]["lamps_power_std"] = 0.03
-    with pytest.raises(ValueError, match=r"prior.lamps_power_std: the scene has no lamps"):
-        scene_from_settings(plain, "one")

@@ -10,8 +10,8 @@ from uuv_optical_array.forward.prior import shade_modes
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 
-def scene(prior, effects=None):
-    settings = load_scene("reference").settings() | {"prior": prior}
+def scene(prior, effects=None, name="reference"):
+    settings = load_scene(name).settings() | {"prior": prior}
     return scene_from_settings(settings | ({} if effects is None else {"effects": effects}), "sea")
 
 
@@ -32,23 +32,35 @@ def test_one_line_says_how_well_a_sea_is_known():
     assert bought.gain_std == 0.01
 
 
-def test_water_that_does_not_attenuate_has_no_unknown_attenuation():
-    prior = scene({"known": "as_bought"}, effects={}).prior
-    assert "attenuation.k_per_m" not in prior.nuisance_std()
-    with pytest.raises(
-        ValueError, match=r"prior\.k_std_per_m: the scene has no effects\.attenuation"
-    ):
-        scene({"k_std_per_m": 0.1}, effects={})
-
-
-def test_a_prior_has_absorption_and_scattering_where_a_scene_has_a_sea():
+def test_a_set_of_values_leaves_out_what_the_scene_does_not_have():
+    assert "attenuation.k_per_m" not in scene({"known": "as_bought"}, {}).prior.nuisance_std()
     sea = {"sea": {"absorption_per_m": 0.2, "scattering_per_m": 0.3}}
-    stds = scene({"known": "calibrated"}, effects=sea).prior.nuisance_std()
-    assert stds["sea.absorption_per_m"] == 0.02
-    assert stds["sea.scattering_per_m"] == 0.5
+    stds = scene({"known": "calibrated"}, sea).prior.nuisance_std()
+    assert (stds["sea.absorption_per_m"], stds["sea.scattering_per_m"]) == (0.02, 0.5)
     assert "attenuation.k_per_m" not in stds
-    with pytest.raises(ValueError, match=r"prior\.scattering_std: the scene has no effects\.sea"):
-        scene({"scattering_std": 0.1}, effects={})
+    warming = {"responsivity": {"spread": 0.008, "seed": 1}}
+    stds = scene({"temperature_std_c": 3.0}, warming).prior.nuisance_std()
+    assert stds == {"responsivity.temperature_c": 3.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "effects", "key", "words"),
+    [
+        ("reference", {}, "k_std_per_m", r"the scene has no effects\.attenuation"),
+        ("reference", {}, "scattering_std", r"the scene has no effects\.sea"),
+        ("reference", {}, "temperature_std_c", r"the scene has no effects\.responsivity"),
+        ("follow", {}, "lamps_power_std", "the scene has no lamps"),
+        (
+            "reference",
+            {"demodulation": {"waveform": "sine"}},
+            "ambient_std_counts",
+            "demodulation removes daylight; give 0",
+        ),
+    ],
+)
+def test_a_value_for_what_the_scene_does_not_have_is_refused(name, effects, key, words):
+    with pytest.raises(ValueError, match=rf"prior\.{key}: {words}"):
+        scene({key: 0.1}, effects, name)
 
 
 @pytest.mark.parametrize("side", [3, 5, 21])

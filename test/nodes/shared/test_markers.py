@@ -10,6 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from visualization_msgs.msg import MarkerArray
 
 from uuv_optical_array.core.storage import files
+from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.formation_node import FormationNode
@@ -20,31 +21,26 @@ def corners(marker):
     return np.array([[point.x, point.y, point.z] for point in marker.points])
 
 
-def test_the_beam_is_a_cone_astern_at_one_and_two_standard_deviations():
-    scene = load_scene("follow")
-    for stds, marker in enumerate(markers.beam(scene, "leader/beacon", 9.0), 1):
+@pytest.mark.parametrize("name", ["follow", "leading_lights"])
+def test_a_lamp_has_cones_of_one_and_two_standard_deviations_from_its_place_along_its_axis(name):
+    scene = load_scene(name)
+    lamps, drawn = scene.lamps or [BeaconLamp()], markers.beam(scene, "leader/beacon", 9.0)
+    assert {(marker.ns, marker.id) for marker in drawn} == {
+        (f"beam_{stds}_sigma", i) for stds in (1, 2) for i in range(len(lamps))
+    }
+    for marker in drawn:
         assert (marker.header.frame_id, marker.frame_locked) == ("leader/beacon", True)
         assert len(marker.points) % 3 == 0
-        places = corners(marker)
-        ends = places[np.abs(places).max(axis=1) > 0]
-        np.testing.assert_allclose(ends[:, 0], -9.0)
-        across = np.degrees(np.arctan(np.hypot(ends[:, 1], ends[:, 2]) / 9.0))
-        np.testing.assert_allclose(across, stds * scene.lamp.beam_sigma_deg)
-
-
-def test_each_of_several_lamps_has_its_beam_from_its_place_along_its_axis():
-    scene = load_scene("leading_lights")
-    drawn = markers.beam(scene, "leader/beacon", 9.0)
-    assert len({(marker.ns, marker.id) for marker in drawn}) == 6
-    for marker in drawn:
-        lamp, places = scene.lamps[marker.id], corners(marker)
-        apex = [lamp.x_m, lamp.y_m, lamp.z_m]
-        far = np.abs(places - apex).max(axis=1) > 1e-9
-        centre = np.unique(places[far].round(9), axis=0).mean(axis=0)
+        lamp = lamps[marker.id]
+        places = corners(marker) - [lamp.x_m, lamp.y_m, lamp.z_m]
+        ends = places[np.linalg.norm(places, axis=1) > 1e-9]
+        assert 0 < len(ends) < len(places)
         up, starboard = np.radians([lamp.pitch_deg, lamp.yaw_deg])
         axis = [-np.cos(up) * np.cos(starboard), -np.cos(up) * np.sin(starboard), np.sin(up)]
-        np.testing.assert_allclose(centre, apex + 9.0 * np.array(axis), atol=1e-6)
-        assert (~far).any()
+        np.testing.assert_allclose(ends @ axis, 9.0)
+        off_axis = np.degrees(np.arccos(9.0 / np.linalg.norm(ends, axis=1)))
+        sigma = lamp.beam_sigma_deg or scene.lamp.beam_sigma_deg
+        np.testing.assert_allclose(off_axis, int(marker.ns[5]) * sigma)
 
 
 @pytest.mark.parametrize(("end", "up"), [("", 1), ("_frd", -1), ("_ned", -1)])

@@ -24,6 +24,7 @@ from uuv_optical_array.forward.effects.forms import Transmission
 from uuv_optical_array.forward.light import COSINE
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import LAWS
+from uuv_optical_array.forward.scene import load_scene
 
 reproducible = settings(
     max_examples=15,
@@ -41,6 +42,13 @@ def model_of(scene):
         return ForwardModel(scene)
     except ValueError:  # all detectors dead, or gains of 0
         assume(False)
+
+
+def drawn_model(data, name):
+    """A model of a scene with an effect, with several, or with several lamps."""
+    if name == "lamps":
+        return ForwardModel(load_scene("leading_lights"))
+    return model_of(data.draw(any_scenes() if name == "several" else scenes([name])))
 
 
 def offsets_for(data, model):
@@ -108,11 +116,11 @@ def test_variance_and_limits_are_those_of_the_second_forward_model(name, data):
     np.testing.assert_array_equal(model.converted(readings), expected)
 
 
-@pytest.mark.parametrize("name", [*EFFECTS, "several"])
+@pytest.mark.parametrize("name", [*EFFECTS, "several", "lamps"])
 @given(data=st.data())
 @reproducible
 def test_the_jacobian_is_that_of_finite_differences(name, data):
-    model = model_of(data.draw(any_scenes() if name == "several" else scenes([name])))
+    model = drawn_model(data, name)
     pose, roll = data.draw(poses), data.draw(rolls)
     offsets = offsets_for(data, model)
     # Lambert's max(0, cos) has a kink where a detector turns away.
@@ -159,14 +167,14 @@ def test_a_law_of_transmission_has_the_derivatives_that_it_states(name, data, ra
 
 
 @numba
-@each_effect
+@pytest.mark.parametrize("name", [*EFFECTS, "lamps"])
 @given(data=st.data())
 @reproducible
 def test_compiled_light_and_slopes_are_those_of_numpy(name, data):
-    model = model_of(data.draw(scenes([name])))
+    model = drawn_model(data, name)
     offsets = offsets_for(data, model)
     at = np.array([*data.draw(poses), *offsets.values()])
-    roll, dark = data.draw(rolls), np.zeros(model.array.side**2)
+    roll, dark = data.draw(rolls), np.zeros(model.image_shape).ravel()
     ways = (Lineariser(model, tuple(offsets), compiled) for compiled in (False, True))
     plain, found = (linearise(dark, at, roll) for linearise in ways)
     for ours, theirs in (

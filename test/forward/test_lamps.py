@@ -5,15 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 import second_forward
-from differences import extrapolated_slopes
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from needs import numba
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.geometry import covariance_6x6, rolled
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.information.linearised import Lineariser
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ROLL, PriorSettings
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
@@ -65,36 +62,6 @@ def test_each_lamp_gives_the_light_of_one_lamp_in_its_own_frame(pose, roll, data
         alone["lamp"]["beam_sigma_deg"] = lamp.get("beam_sigma_deg", 8.0)
         one = second_forward.light(alone, *seen_from(lamp, pose, roll), power=share * power)
         np.testing.assert_allclose(image, one - PEDESTAL, rtol=1e-8, atol=1e-9)
-
-
-def offsets_of(rng):
-    """Offsets of all that may be unknown; a tenth of a metre moves a lamp."""
-    return {name: np.array(0.05 * rng.standard_normal()) for name in MODEL.nuisances}
-
-
-@given(pose=poses, roll=rolls, seed=st.integers(0, 2**31))
-@reproducible
-def test_the_jacobian_is_that_of_finite_differences(pose, roll, seed):
-    offsets = offsets_of(np.random.default_rng(seed))
-    values = np.array([*pose, *offsets.values()])
-
-    def light(at):
-        moved = {name: at[..., 5 + i] for i, name in enumerate(offsets)}
-        return MODEL.light(at[..., :5], roll, moved).reshape(*at.shape[:-1], -1)
-
-    _, jacobian = MODEL.linearised(pose, roll, offsets)
-    expected, error = extrapolated_slopes(light, values, 1e-2)
-    scale = np.abs(expected).max(axis=0)
-    assert (np.abs(jacobian - expected) <= 10 * error + 1e-7 * scale + 1e-9).all()
-
-
-@numba
-def test_compiled_light_and_slopes_are_those_of_numpy():
-    offsets = offsets_of(np.random.default_rng(4))
-    at, dark = np.array([-5, 0.3, -0.2, 0.1, 0.2, *offsets.values()]), np.zeros(75)
-    plain, found = (Lineariser(MODEL, tuple(offsets), way)(dark, at, 0.1) for way in (False, True))
-    np.testing.assert_allclose(found.light, plain.light, rtol=1e-12)
-    np.testing.assert_allclose(found.slopes, plain.slopes, rtol=1e-9, atol=1e-11)
 
 
 @given(pose=poses, roll=rolls, angle=st.floats(-0.3, 0.3))

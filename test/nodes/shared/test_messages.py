@@ -232,18 +232,6 @@ def test_an_attitude_off_unit_length_by_less_than_a_hundredth_is_normalised():
             odometry_pose(placed(Odometry, quaternion=length * turn))
 
 
-def test_an_odometry_in_ned_axes_is_turned_into_those_of_rep_103():
-    turn, position = Rotation.from_euler("ZYX", [0.9, -0.4, 0.2]), np.array([1.0, 2.0, 3.0])
-    message = placed(Odometry, position, turn.as_quat())
-    found, quaternion = odometry_pose(message, "frd")
-    flip = Rotation.from_euler("X", np.pi)  # from NED to z up, and from z down to z up
-    np.testing.assert_allclose(found, flip.apply(position), atol=1e-12)
-    np.testing.assert_allclose(
-        Rotation.from_quat(quaternion).as_matrix(), (flip * turn * flip).as_matrix(), atol=1e-12
-    )
-    np.testing.assert_array_equal(odometry_pose(message)[0], position)
-
-
 def test_a_stamp_counts_nanoseconds_without_rounding():
     assert stamp_ns(header(1_700_000_000, 999_999_999)) == 1_700_000_000_999_999_999
 

@@ -52,7 +52,10 @@ def drawn_model(data, name):
 
 
 def offsets_for(data, model):
-    """Offsets of some of the settings that a prior may leave uncertain."""
+    """Offsets of some of the settings that a prior may leave uncertain; of several lamps of all."""
+    if model.scene.lamps:
+        rng = np.random.default_rng(data.draw(st.integers(0, 2**31)))
+        return {name: np.array(0.05 * rng.standard_normal()) for name in model.nuisances}
     names = data.draw(st.lists(st.sampled_from(model.nuisances), unique=True))
     # A sphere much smaller would end before the corners of the array.
     parts = {"array.radius_m": 0.3}

@@ -92,7 +92,6 @@ VALUES = 3 * np.exp(-0.7 * TIMES) + 0.2 * np.random.default_rng(1).standard_norm
             for start in ([1.0, 0.0], [20.0, 3.0], [0.1, 0.5])
         ),
     ],
-    ids=str,
 )
 def test_it_ends_where_scipys_solver_does_with_a_misfit_or_without(problem, residuals, start):
     minimise = minimiser(decay if problem else rosenbrock, damped_step, 1e-16, 200)

@@ -5,10 +5,6 @@ from typing import Annotated
 
 from uuv_optical_array.core.settings import Quantity
 
-GateProbability = Annotated[
-    float, Quantity("probability that a valid frame passes the gate", "", 0.5, 1)
-]
-
 
 @dataclass(frozen=True)
 class TrackerSettings:
@@ -23,7 +19,9 @@ class TrackerSettings:
     common_share: Annotated[
         float, Quantity("share of a pose's variance that all frames have in common", "", 0, 0.99)
     ] = 0.1
-    gate_probability: GateProbability = 0.9999
+    gate_probability: Annotated[
+        float, Quantity("probability that a valid frame passes the gate", "", 0.5, 1)
+    ] = 0.9999
     reacquire_frames: Annotated[
         int, Quantity("outliers in a row that are the track when they agree", "", 2, 100)
     ] = 5

@@ -9,7 +9,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
+from llvmlite import ir
+from numba import carray, njit, types
+from numba.extending import intrinsic
 from scipy import special
 
 from uuv_optical_array.core.numerics import elementwise
@@ -39,6 +41,7 @@ LOG2_HIGH, LOG2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # 
 PI_HIGH, PI_LOW = 3.1415926534682512, 1.2154201013012384e-10
 SMALLEST = -708.0  # logarithm of the smallest number that is not subnormal, nearly
 ROUND = 1.5 * 2.0**52  # added to a number it leaves the nearest whole one in the last bits
+MOST_ON_STACK = 4096  # numbers
 ASYMPTOTIC = 25.0  # from here a series of the scaled complementary error function is exact
 
 inlined = njit(forceinline=True, error_model="numpy", fastmath={"contract"})
@@ -155,6 +158,36 @@ def beside(own, i, image):
             image[row, i * n + j] = own[row, j]
 
 
+def _on_stack(_typing, count):
+    """Return so many numbers on the stack of the function that calls."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.alloca(ir.DoubleType(), arguments[0])
+
+    return types.CPointer(types.float64)(types.intp), generate
+
+
+on_stack: Any = intrinsic(_on_stack)
+
+
+@njit(inline="always")
+def workspace(rows, component, count):
+    """As `elementwise.workspace`, of one pose; on the stack, unless it is large."""
+    if rows * count > MOST_ON_STACK:
+        return np.empty((rows, count))
+    return carray(on_stack(rows * count), (rows, count))
+
+
+@njit(inline="always")
+def zeros(rows, columns, component):
+    """As `elementwise.zeros`, of one pose; on the stack."""
+    matrix = carray(on_stack(rows * columns), (rows, columns))
+    for i in range(rows):
+        for k in range(columns):
+            matrix[i, k] = 0.0
+    return matrix
+
+
 # Of one pose and one reading, where the originals are of many.
 one_value = inlined(lambda value: value)
 choice = inlined(lambda condition, one, other: one if condition else other)
@@ -166,8 +199,8 @@ REPLACED: dict[Any, Any] = {
     elementwise.any_of: one_value,
     elementwise.total: one_value,
     elementwise.at_place: inlined(lambda rows, place, i: rows[int(place), i]),
-    elementwise.workspace: inlined(lambda rows, component, count: np.empty((rows, count))),
-    elementwise.zeros: inlined(lambda rows, columns, component: np.zeros((rows, columns))),
+    elementwise.workspace: workspace,
+    elementwise.zeros: zeros,
     elementwise.stack: stack,
     elementwise.sandwich: sandwich,
     elementwise.beside: beside,

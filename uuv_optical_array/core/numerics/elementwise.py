@@ -53,7 +53,10 @@ def total(values: Any) -> Any:
 
 
 def workspace(rows: int, component: Any, count: int) -> Any:
-    """Return an empty array of rows of `count` readings, for each pose of a component or row."""
+    """Return an empty array of rows of `count` readings, for each pose of a component or row.
+
+    In compiled code it lies on the stack: it must not be returned, nor made in a loop.
+    """
     return np.empty((rows, *np.shape(component)[:-1], count))
 
 
@@ -63,7 +66,7 @@ def stack(*components: Any) -> Any:
 
 
 def zeros(rows: int, columns: int, component: Any) -> Any:
-    """Return a matrix of zeros for each pose of a component."""
+    """Return a small matrix of zeros for each pose of a component; on the stack, as `workspace`."""
     return np.zeros((rows, columns, *np.shape(component)))
 
 

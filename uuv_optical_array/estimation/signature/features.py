@@ -15,8 +15,6 @@ from uuv_optical_array.core.numerics.elementwise import (
     indices,
     indices_where,
     law,
-    workspace,
-    zeros,
 )
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.lamps import together
@@ -47,7 +45,7 @@ def skewness(values: ArrayLike) -> Array:
 def write_skewness(values: Any, skews: Any) -> None:
     """Write the `skewness` of values along the first axis, shape ``(n, m)``, shape ``(m,)``."""
     count, m = values.shape
-    sums = zeros(4, m, 0.0)
+    sums = np.zeros((4, m))
     scale, mean, second, third = sums[0], sums[1], sums[2], sums[3]
     # Scaled to one, the powers neither overflow nor underflow.
     for k in range(count):
@@ -135,11 +133,11 @@ def write_parameters(
 ) -> None:
     """Write the `key_parameters`, ``(5, m)``, of m images by readings, ``(side * side, m)``."""
     last, middle, m = side - 1, 0.5 * (side - 1), readings.shape[1]
-    peaks, flats = workspace(6, 0.0, m), zeros(4, m, 0.0)
+    peaks, flats = np.empty((6, m)), np.zeros((4, m))
     brightest, places, tops = peaks[0], peaks[1], peaks[2]
     along, start, skews = peaks[3], peaks[4], peaks[5]
     wide, high, centres = flats[0], flats[1], flats[2:]
-    profiles, slopes = workspace(side, 0.0, m), workspace(side, 0.0, m)
+    profiles, slopes = np.empty((side, m)), np.empty((side, m))
     # The images are the innermost loop everywhere, which a compiler turns into vectors.
     for i in indices(m):
         brightest[i], places[i], tops[i] = readings[0, i], 0.0, 1.0

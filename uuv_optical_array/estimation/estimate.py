@@ -12,26 +12,19 @@ class Estimate:
     """A pose and how far it can be trusted.
 
     - pose: ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
-    - covariance: of `pose`, m^2, m rad and rad^2, shape ``(5, 5)``, positive definite; the roll is
-      taken as given.
-    - angle_rad: spectral angle to the nearest signature that was looked at, in [0, pi]: of all rows
-      of the table, or of those that ``least_squares`` starts from.
-    - runner_up_pose: the second choice: the second nearest entry, or the next minimum of the fit;
-      ``None`` where every start of the fit led to one.
-    - runner_up_angle_rad: spectral angle to the second nearest signature.
-    - misfit: probability that a valid image leaves larger residuals, in [0, 1]; nan unless the
-      image was fitted.
-    - runner_up_misfit: the same of the runner-up.
+    - covariance: of `pose` at the given roll, m and rad, shape ``(5, 5)``, positive definite.
+    - angle_rad: spectral angle, in [0, pi], to the nearest row of the table or start of the fit.
+    - runner_up_pose: of the second nearest row, or the fit's next minimum; ``None``: there is none.
+    - misfit: probability that a valid image leaves larger residuals, in [0, 1]; nan without a fit.
+    - runner_up_angle_rad, runner_up_misfit: the same of the runner-up.
     - unobservable: degrees of freedom of which the image says next to nothing.
-    - readings: the likelihood of the image near its best fit, where it was told what is expected;
-      ``None`` where that is far from Gaussian, or something may shade the image.
+    - readings: likelihood of the image near its best fit; ``None`` where nothing was expected, it
+      is far from Gaussian, or something may shade the image.
     - stretch: factor, >= 1, of the covariance and so of the readings' variances, by the residuals.
     - clear: probability that the image is lit as the scene says: by no shade, nor else unevenly.
-    - left_out: rows and columns, from 0, of detectors whose readings were left out as faulty: dead,
-      stuck, dirty or in a glint.
+    - left_out: rows and columns, from 0, of detectors left out: dead, stuck, dirty or in a glint.
     - roll: by several lamps, how much more the follower rolls than was given, rad.
-    - turn: by several lamps, the covariance of the follower's roll with the pose, and its variance,
-      shape ``(6,)``; ``None`` by one, which does not show the roll.
+    - turn: covariance of the roll with the pose, and its variance, ``(6,)``; ``None`` by one lamp.
     - dark_lamp: which of several lamps was left out, as it is off or hidden; ``None``: none was.
     """
 

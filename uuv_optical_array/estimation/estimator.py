@@ -63,8 +63,6 @@ class EstimatorSettings:
 class Estimator:
     """Estimate poses in a scene.
 
-    It answers at once, and faster from when the compiled fit is there.
-
     Parameters
     ----------
     source
@@ -73,23 +71,20 @@ class Estimator:
     method
         One of `METHODS`. ``least_squares`` needs no table.
     max_angle_rad
-        A nearest signature farther away than this is no match; not asked by ``least_squares``,
-        whose `misfit` tells more.
+        Largest spectral angle of a match; ``least_squares`` goes by the misfit instead.
     neighbours
         Nearest rows whose spread is the covariance of ``sam``, and whose mean is the pose of
         ``sam_interpolated``. On a 13^5 table 64 give a mean normalised squared error near its
         expectation of 5; fewer are overconfident.
     candidates
-        Poses of like signature from which ``least_squares`` starts; up to `MOST_STARTS` where these
-        leave doubt.
+        Poses of like signature from which ``least_squares`` starts; in doubt up to `MOST_STARTS`.
     max_misfit
         An image whose residuals are less probable than this, under scene and prior, is not of this
         scene and has no pose. Gains that the prior leaves unknown may be twice as large.
     compiled
-        Whether the fit runs as Numba compiles it, for which the first estimator on a machine waits
-        half a minute, or as it stands, with the same answers; ``None``: as it stands until it
-        has been compiled in the background, where Numba is installed. The other methods check their
-        match by the fit, where they are given images.
+        Whether Numba compiles the fit, which takes half a minute once on a machine and changes no
+        answer; ``None``: in the background while the fit answers as it stands, where Numba is
+        installed. The sam methods check their matches of images by the fit.
 
     Raises
     ------
@@ -162,10 +157,7 @@ class Estimator:
         return f"as it stands: {self._compiler.failure or 'it is being compiled'}"
 
     def wait(self) -> "Estimator":
-        """Wait until the fit is compiled, where it is to be, and return the estimator itself.
-
-        A warning of the log says how long that takes, where it is not compiled already.
-        """
+        """Wait until the fit is compiled, where it is to be; returns the estimator itself."""
         if self._compiler is not None and not self._compiler.done:
             logging.getLogger(__name__).warning(
                 "compiling the fit; this takes about half a minute, once on a machine"
@@ -193,13 +185,7 @@ class Estimator:
         roll
             Roll of the follower, as its own sensors know it, rad.
         expected
-            What is known by now of the scene's unknown constants and of its light, as
-            `Tracker.expected` has it; ``None``: no more than the scene's prior says.
-
-        Returns
-        -------
-        Estimate
-            The pose, never without a covariance.
+            What is known of the frame, as of `Tracker.expected`; ``None``: what the prior says.
 
         Raises
         ------
@@ -312,8 +298,8 @@ class Estimator:
         )
         fitted = self._fit(readings, roll, expected, near)
         off = wrapped(match.pose - fitted.pose)
-        # The cell of the grid and the spread of the neighbours, wider where the match is farther
-        # off, and what the noise and the unknowns of the scene leave.
+        # The grid's cell and the neighbours' spread, more where the match is off, and the fit's
+        # own.
         _, weighed_off, _ = dposv(match.covariance + fitted.covariance, off)
         excess = float(off @ weighed_off) / 5
         covariance = max(excess, 1.0) * match.covariance + fitted.covariance
@@ -328,10 +314,7 @@ class Estimator:
     def lineariser(
         self, estimate: Estimate, image: ArrayLike, roll: float = 0.0
     ) -> Callable[[Array], LinearisedReadings]:
-        """Return what an image says of pose and constants near a place, as a tracker asks it.
-
-        `estimate` is what `Estimator.estimate` made of this image and roll.
-        """
+        """Return what linearises an image, whose estimate and roll are given, near any place."""
         readings = self._readings(image)
         lamps, detectors = self.scene.lamp_count, self._side**2
         weights = np.ones((lamps, detectors))

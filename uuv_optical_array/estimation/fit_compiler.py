@@ -1,8 +1,7 @@
 """The fit compiled in the background, so that no frame waits for the compiler.
 
-Numba's compiler would hold this process up for half a minute. A process of its own therefore
-compiles and fills Numba's cache on disk, and a thread loads what is there then, which takes a
-second.
+Numba's compiler would hold this process up for half a minute. So another process fills Numba's
+cache on disk, from which a thread then loads the fit in a second.
 """
 
 import atexit
@@ -102,7 +101,6 @@ class FitCompiler:
         )
 
     def _stop(self) -> None:
-        """End what is under way."""
         if self._process is not None:
             self._process.kill()
         self._thread.join(timeout=2.0)  # it may be loading

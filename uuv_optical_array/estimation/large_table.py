@@ -1,10 +1,9 @@
 """Signature tables that take long to build: written block by block into a Zarr array, by Dask.
 
-The array has the key parameters of every pose of the scene's grid, in the order of the grid: NaN
-for a pose without light, 0 for one that has not been computed. Each block of poses is one file,
-which Zarr moves into place when it is whole and which Zstandard protects by a checksum. So any
-process can compute any block, a build goes on where it was interrupted, and nothing damaged is
-read. The attributes of the array hold the scene.
+The array has the key parameters of the scene's grid in its order, NaN for a pose without light and
+0 for one not yet computed; its attributes hold the scene. Zarr moves the file of each block into
+place when it is whole, and Zstandard protects it by a checksum. So any process can compute any
+block, an interrupted build goes on, and nothing damaged is read.
 """
 
 import os
@@ -166,15 +165,8 @@ def load_table(path: str | Path, scene: Scene) -> SignatureTable:
 
     Parameters
     ----------
-    path
-        Folder of the table.
-    scene
-        The scene at hand.
-
-    Returns
-    -------
-    SignatureTable
-        The table.
+    path, scene
+        Folder of the table, and the scene that it has to be of.
 
     Raises
     ------

@@ -75,17 +75,13 @@ class Pipeline:
     def command(self, stamp_ns: int, linear: Array, angular: Array) -> None:
         """Tell the tracker how the follower is commanded to move from a stamp on, ns.
 
-        The velocities are in the follower's frame, m/s and rad/s, shape ``(3,)`` each; the roll
-        rate is ignored. ValueError as `Tracker.command`.
+        In its frame, m/s and rad/s, ``(3,)`` each; roll rate ignored. Errors of `Tracker.command`.
         """
         if self.tracker is not None:
             self.tracker.command(stamp_ns, [*linear, *angular[1:]])
 
     def check(self, image: Array) -> None:
-        """Refuse the next image of a stream where it shows no lamp, or repeats the one before.
-
-        It has counts, shape ``(side, side)``. NoPose with the reason.
-        """
+        """Raise NoPose for an image, ``(side, side)``, without a lamp or the same as before."""
         self.estimator.check_shape(image)
         if reason := no_pattern(image, self._min_peak_counts):
             raise NoPose(reason)
@@ -136,7 +132,7 @@ class Pipeline:
     def track(self, roll: float = 0.0) -> Track | None:
         """Return the track at its newest frame, in which the follower had a roll, rad.
 
-        Its covariance has the aim of the array, too, of which no frame and so no tracker knows.
+        Its covariance includes the aim of lamp and array, which no frame shows.
         """
         if self.tracker is None:
             return None
@@ -146,10 +142,7 @@ class Pipeline:
         return replace(track, joint_covariance=joint)
 
     def answer(self, stamp_ns: int, image: Array) -> Answer:
-        """Return what comes of the next image, counts, shape ``(side, side)``, by its stamp, ns.
-
-        The roll of the follower is taken as 0.
-        """
+        """Answer the next image, counts, ``(side, side)``, by its stamp, ns, at a roll of 0."""
         try:
             estimate = self.estimate(stamp_ns, image)
         except NoPose as reason:

@@ -77,10 +77,7 @@ def grid_parameters(
     min_peak_counts: float = MIN_PEAK_COUNTS,
     progress: Progress = iter,
 ) -> Array:
-    """Return the key parameters of rows of the scene's grid, ``(m, 5)``; NaN where it is dark.
-
-    They are free of noise and rounding; the rest is as in `build_table`.
-    """
+    """Return key parameters of grid rows, as in `build_table`, ``(m, 5)``; NaN where it is dark."""
     scene, axes = model.scene, grid_axes(model.scene.table)
     # glibc keeps the memory of freed arrays up to the size of the largest one that was ever freed.
     # Without this the system gives fresh pages to each block, which takes longer than the block.
@@ -107,11 +104,6 @@ def build_table(
         Poses whose brightest detector stays below this have no signature and are left out.
     progress
         Wraps the loop over blocks of poses, such as ``tqdm.tqdm``.
-
-    Returns
-    -------
-    SignatureTable
-        The table, in memory.
 
     Raises
     ------
@@ -148,14 +140,11 @@ def memory_bytes(rows: int) -> int:
 
 
 def machine_bytes(container_limit: Path = CONTAINER_LIMIT) -> int:
-    """Return the memory of this machine, or of the container that this runs in, bytes.
-
-    The file with the limit of the container may be missing, or hold ``max``.
-    """
+    """Return the memory of this machine, or of the container that this runs in, bytes."""
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     try:
         return min(total, int(container_limit.read_text()))
-    except (OSError, ValueError):
+    except (OSError, ValueError):  # no such file, or ``max`` in it
         return total
 
 

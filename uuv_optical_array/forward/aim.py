@@ -15,8 +15,7 @@ from uuv_optical_array.forward.scene import Scene
 def aim_slopes(scene: Scene, pose: Array, roll: float = 0.0) -> Array:
     """Return by how much a pose is off by one standard deviation of each aim, shape ``(5, 4)``.
 
-    Columns are pitch and yaw of the array on its mount, then of the lamp; the pose, shape ``(5,)``,
-    is in m and rad.
+    Columns are pitch and yaw of the array on its mount, then of the lamp; the pose is in m and rad.
     """
     of_array, of_lamp = map(math.radians, (scene.prior.aim_std_deg, scene.prior.lamp_aim_std_deg))
     on_mount = turned_on_mount(pose, roll, scene.array.bow_m)

@@ -73,8 +73,7 @@ def spread_and_tilt(lamps: Sequence[BeaconLamp]) -> tuple[float, float]:
 def checked_lamps(values: Any) -> tuple[BeaconLamp, ...]:
     """Return the lamps of a scene's list, none for ``None`` or an empty list.
 
-    - ValueError: for what is no list of two to eight lamps, a bad setting, or two lamps that give
-      the same image.
+    ValueError for no list of 2 to 8 lamps, a bad setting, or two lamps that give the same image.
     """
     if values is None or values == []:
         return ()

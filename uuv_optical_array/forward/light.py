@@ -92,8 +92,7 @@ def ray(to: Any, normal: Any, axis: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
     - normal, axis: unit vectors, out of the detector and along the lamp's beam.
     - returned range_m: length of the path, m, at least `MIN_RANGE_M`.
     - returned half_square, turn: as `off_axis`, of the angle between the beam's axis and the path.
-    - returned cosine, axial: of the angles between the detector's normal and the lamp, at most 1,
-      and the beam's axis.
+    - returned cosine, axial: of the normal's angles to the lamp, at most 1, and to the beam's axis.
     - returned along_m: the detector along the beam's axis, m.
     """
     along_m = -dot(to, axis)

@@ -88,8 +88,7 @@ class Instrument:
     def risk_group(self, beam_sigma_deg: float, share: float = 1.0) -> tuple[int, float, float]:
         """Return the risk group of IEC 62471, 0 (exempt) to 3, of a lens that is evenly lit.
 
-        It has a share of the flux. With the group come the radiances that count for blue light and
-        for heat, W/(m^2 sr).
+        It has a share of the flux. Then come the radiances for blue light and for heat, W/(m^2 sr).
         """
         radiance = share * self.intensity(beam_sigma_deg) / (math.pi / 4 * self.lens_m**2)
         wavelength = self.wavelength_nm

@@ -206,8 +206,7 @@ class ForwardModel:
         Parameters
         ----------
         poses
-            ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad,
-            shape ``(..., 5)``.
+            ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(..., 5)``.
         roll
             Roll of the follower, rad, broadcast to ``(...)``.
         offsets
@@ -241,7 +240,7 @@ class ForwardModel:
         Parameters
         ----------
         poses, roll, offsets
-            As in `light`.
+            As in `light`, with its errors.
 
         Returns
         -------
@@ -250,11 +249,6 @@ class ForwardModel:
         jacobian : Array
             By x, y, z, pitch, yaw and each of `offsets`, in counts per m, rad and the
             setting's unit, shape ``(..., n, 5 + len(offsets))``.
-
-        Raises
-        ------
-        ValueError
-            As `light`.
         """
         image, shape = self._propagate(poses, roll, offsets, None, True)
         jacobian = np.moveaxis(image[1:], 0, -1)
@@ -352,11 +346,6 @@ class ForwardModel:
             As in `light`.
         rng
             Source of the noise; a scene without noise draws nothing and needs none.
-
-        Returns
-        -------
-        Array
-            Shape ``(..., side, side)``, counts.
         """
         return self.read(self.light(poses, roll, offsets, time_s), rng)
 

@@ -45,8 +45,7 @@ from uuv_optical_array.forward.light import (
 )
 from uuv_optical_array.forward.scattering import scattered_light
 
-# Rows of the beam: light, slopes of its logarithm, and slopes of the incidence; those by settings
-# of the laws follow.
+# Rows of the beam: light, slopes of its logarithm and of the incidence; then by laws' settings.
 LIGHT, BY_RANGE, BY_HALF_SQUARE, BY_INCIDENCE, BY_SIGMA, BY_SCATTERING = range(6)
 IN_RANGE, IN_HALF_SQUARE, IN_COSINE, IN_AXIAL, IN_SIGMA = range(6, 11)
 BEAM_ROWS = 11
@@ -64,8 +63,7 @@ class ReadingNoise(NamedTuple):
     """How a scene's readings differ from the light.
 
     - variance, slope, square: variance of a reading in the dark, counts^2, with rounding; its
-      growth with the light, counts; and with the square of the light, the variance of an unknown
-      relative gain.
+      growth with the light, counts, and with its square: the variance of an unknown relative gain.
     - low, high: limits of the readings, counts: at `low` or below, the light was at most `low` +
       0.5, at `high` or above at least `high` - 0.5.
     - black: reading of darkness, counts, which is no light.
@@ -85,13 +83,11 @@ class Optics(NamedTuple):
     - detectors: their positions, m, and normals, shape ``(6, n)``.
     - radius_m: of the sphere that carries the detectors, m; 0: there is none.
     - power: of all lamps, as in `light.lamp_light`.
-    - lamps, lamp_at: as in `lamps.one_of_lamps`; with the share of the power and the beam's
-      standard deviation of each.
+    - lamps, lamp_at: as `lamps` and `places` of `lamps.one_of_lamps`.
     - scattering_per_m: of the water, 1/m; 0: it does not scatter.
     - nuisances: number of settings that have offsets.
-    - power_at, sigma_at, scattering_at, radius_at: index among the nuisances of the offset of the
-      power's logarithm, of that of the beam's standard deviation, deg, and of the logarithms of
-      scattering and radius; -1: known.
+    - power_at, sigma_at, scattering_at, radius_at: index among the nuisances of the offsets of
+      these, in logarithms but for the beam's sigma, deg; -1: known.
     - laws, law_settings, law_at: of transmission: places in `LAWS`; their settings, shape ``(laws,
       3)``; index of the nuisance that is the first of these, as `power_at`.
     - step_kinds, step_values, step_scales, step_at: of each step on the array: `BACKGROUND`,
@@ -233,9 +229,8 @@ def illuminate(
 ) -> None:
     """Write the rays from lamp i to each detector and the light that arrives there.
 
-    Lamp and axis are six components, offsets of nuisances ``(q, ...)``. Results are the rows of
-    `light.ray`, shape ``(13, ..., n)``, and of the beam with those of laws, ``(11 + laws, ...,
-    n)``.
+    Lamp and axis are six components, nuisances ``(q, ...)``. Results are rows of `light.ray`,
+    ``(13, ..., n)``, and of the beam with those of laws, ``(11 + laws, ..., n)``.
     """
     power, beam_sigma_rad = optics.power * optics.lamps[SHARE, i], optics.lamps[SIGMA, i]
     scattering_per_m = optics.scattering_per_m

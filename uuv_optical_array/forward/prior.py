@@ -33,9 +33,8 @@ LOGARITHMS = POWER, SCATTERING, RADIUS  # whose offset is that of their logarith
 GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
 DAYLIGHT = AMBIENT, *GRADIENTS
 SHADES = tuple(f"shade.mode_{k}" for k in range(1, 6))
-# A shade is smooth: each order of its modes over the array is weaker than the one before by this
-# factor, and what no mode describes is as strong as one of the second order. Our choice, after the
-# clouds of `plume`.
+# A shade is smooth: each order of its modes is weaker than the one before by this factor, and what
+# is no mode as strong as one of the second order. Our choice, after the clouds of `plume`.
 SHADE_DECAY, SHADE_ORDERS = 1 / 4, (1, 1, 2, 2, 2)
 RIM = 0.25  # depth of a cloud's rim relative to its middle
 # Uneven light that the scene does not name: a smooth shade, in the logarithm of the lamp's light,
@@ -95,8 +94,7 @@ class FrameLight(NamedTuple):
     - share: of the frames, in [0, 1].
     - depth: of an uneven shade, in the logarithm of the lamp's light.
     - cloud: whether part of the shade is even, like a weaker lamp.
-    - daylight_counts: standard deviation of the ambient's rise from the array's middle to its
-      edges, counts.
+    - daylight_counts: standard deviation of the ambient's rise from middle to edges, counts.
     """
 
     share: float

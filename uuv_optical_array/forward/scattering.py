@@ -38,9 +38,8 @@ def part(
       slope of the latter by the logarithm of ``b r``.
     - tilt: the t above.
     - angle: as of `scattered_light`.
-    - returned strength, by_depth, by_half_square, by_narrow: of the flux, over the distance to the
-      apparent source, and slopes of its logarithm by the logarithm of ``b r``, by half_square and
-      by `narrow`.
+    - returned strength, by_depth, by_half_square, by_narrow: flux over the distance to the apparent
+      source; slopes of its logarithm by the logarithm of ``b r``, half_square and `narrow`.
     - returned advance, advance_by_depth, advance_by_narrow: of the apparent source on the axis, as
       a share of the range, with slopes.
     """

@@ -35,8 +35,7 @@ def lit_poses(
 ) -> Array:
     """Draw poses whose noiseless image peaks above `MIN_PEAK_COUNTS`, m and rad, ``(count, 5)``.
 
-    `draw` draws candidates, as `uniform_poses`. ValueError where none of a whole block has such a
-    peak.
+    `draw` draws candidates, as `uniform_poses`. ValueError where a whole block has no such peak.
     """
     poses = np.empty((0, 5))
     while len(poses) < count:

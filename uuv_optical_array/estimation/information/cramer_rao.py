@@ -30,8 +30,7 @@ SHARE = 1e-6
 class Bound:
     """The Cramer-Rao bound at poses of shape ``(..., 5)``, in m and rad.
 
-    The bound is local: a standard deviation of more than half a turn says no more than that the
-    angle is unknown.
+    The bound is local: a standard deviation beyond half a turn says that the angle is unknown.
 
     - information: Fisher's, of x, y, z, pitch and yaw, shape ``(..., 5, 5)``.
     - covariance: its inverse, with what the aim of lamp and array adds, shape ``(..., 5, 5)``. An
@@ -58,8 +57,7 @@ def fisher_information(model: ForwardModel, poses: ArrayLike, roll: ArrayLike = 
     What the scene's prior leaves uncertain, such as the lamp's power, counts as estimated along
     under that prior: its share is taken off by the Schur complement. The pose has no prior.
 
-    - poses, roll: of the follower in ``beacon``, m and rad, shape ``(..., 5)`` and, taken as known,
-      broadcast to ``(...)``.
+    - poses, roll: in ``beacon``, m and rad, ``(..., 5)``; roll, known, broadcast to ``(...)``.
     - returned: positive semidefinite but for rounding, shape ``(..., 5, 5)``. At the edge where a
       detector turns away from the lamp the side without light is taken.
     - ValueError: for a pose that is not finite.

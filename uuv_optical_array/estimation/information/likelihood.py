@@ -70,9 +70,8 @@ def censored(light: Any, bound: Any, sign: Any, variance: Any) -> tuple[Any, Any
 def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, result: Any) -> None:
     """Write the log-likelihood of each reading, with derivatives by its light.
 
-    A reading inside the limits is Gaussian about the light; one at a limit is censored and
-    counts by the probability of lying beyond (the Tobit model). The result has the rows of
-    `gaussian`, shape ``(3, n)``.
+    A reading inside the limits is Gaussian about the light; one at a limit is censored and counts
+    by the probability of lying beyond (Tobit model). The result is as of `gaussian`, ``(3, n)``.
     """
     for j in indices(len(light)):
         variance = reading_variance(light[j], noise)

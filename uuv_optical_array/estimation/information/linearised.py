@@ -30,14 +30,12 @@ class LinearisedReadings(NamedTuple):
 
     ``residuals = slopes @ (x - at) + light * gain errors + noise(variances)``
 
-    - at: pose, m and rad, then offsets of the q constants, shape ``(5 + q,)``: where the light was
-      linearised.
+    - at: where the light was linearised: pose, m and rad, and offsets of constants, ``(5 + q,)``.
     - residuals: readings less their expected light there, counts, shape ``(n,)``; of a censored
       reading the score over the curvature of its log-likelihood.
     - slopes: of the light by pose and constants, shape ``(n, 5 + q)``.
     - light: expected there, which a gain error multiplies, counts, shape ``(n,)``; no pedestal.
-    - variances: of the readings without gain errors, counts^2, > 0, shape ``(n,)``; inf: the
-      reading says nothing.
+    - variances: of readings without gain errors, counts^2, > 0, ``(n,)``; inf: they say nothing.
     """
 
     at: Array
@@ -61,9 +59,8 @@ class LinearisedReadings(NamedTuple):
 class Lineariser:
     """Linearises the likelihood of images of one scene.
 
-    - model: the scene's forward model.
-    - constants: dotted names of settings that are not known, as `ForwardModel.nuisances` has them.
-    - compiled: whether it runs as Numba compiles it, or as it stands.
+    - constants: dotted names of the unknown settings, of `ForwardModel.nuisances`.
+    - compiled: whether Numba compiles it.
     """
 
     def __init__(

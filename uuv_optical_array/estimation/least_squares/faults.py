@@ -1,8 +1,8 @@
 """Faulty detectors: readings that no pose explains, while one pose explains all others.
 
 They are found by least trimmed squares (P. Rousseeuw, 1984, J. Am. Stat. Assoc. 79, 871): from
-poses whose images are alike but for a few readings, fits leave out those few that are farthest off,
-until these stay the same. Then each is taken back with which the rest still fits. A faulty detector
+poses whose images are alike but for a few readings, fits leave out the few farthest off, until
+these stay the same. Then each is taken back with which the rest still fits. A faulty detector
 is so in the images of all lamps.
 """
 
@@ -30,7 +30,7 @@ FAULTY = 1e-2
 STARTS, ROUNDS = 8, 5
 ROWS = 1536  # poses whose images are compared
 # Cost of a detector, as of three standard deviations, up to which it is no fault, and what each
-# further lamp adds to it, as chi-squares of more degrees of freedom are about so much larger.
+# further lamp adds, as chi-squares of more degrees of freedom are about so much larger.
 TAKEN_BACK, EACH_LAMP = 4.5, 1.25
 WELL = 0.84  # score of a fit from which the readings that are left out may be the wrong ones
 

@@ -44,8 +44,7 @@ FEW_LIT = 10
 DISTINCT = 3.0
 # Minima that are this much less probable, as a logarithm, leave no trace.
 NEGLIGIBLE = 12.0
-# Minima that are this much less likely are as good an answer, at most `DISTINCT` away, however
-# little of the prior leads there.
+# Minima up to this much less likely are covered to `DISTINCT`, however small their evidence.
 RIVAL = 6.0
 # Steps after which a start is known to lead to a minimum that is among those already.
 LONG_STEPS: Any = np.int64(2)
@@ -65,10 +64,8 @@ class Guide(NamedTuple):
     - weights: of the five key parameters, and the constant that is appended, shape ``(6,)``.
     - candidates: rows to start from, unless these leave doubt.
     - max_score: score of the misfit beyond which a fit is no pose.
-    - gaussian: whether the posterior is that of the linear model at the best minimum, not
-      integrated.
-    - side, full_scale_counts, subdetector: how key parameters are worked out: as
-      `features.write_parameters` has them.
+    - gaussian: whether the posterior is taken as linear at the best minimum, not integrated.
+    - side, full_scale_counts, subdetector: as of `features.write_parameters`.
     """
 
     units: Array
@@ -88,17 +85,13 @@ class FrameResult(NamedTuple):
 
     - outcome: `FITTED`, or why there is no pose.
     - pose, covariance: m and rad, shapes ``(5,)`` and ``(5, 5)``.
-    - score, runner_up_score: of the misfit of the best and of the next minimum, as `problem.Misfit`
-      has them: lenient; nan where there is none.
-    - strict_score: of the best, not lenient.
-    - stretch: that of the best, which the covariance has.
+    - score, runner_up_score: `Misfit.lenient_score` of the two best minima; nan: there is none.
+    - strict_score, stretch: `Misfit.score` and stretch of the best; the covariance has the latter.
     - best: pose and nuisances of the best minimum, shape ``(p,)``.
-    - log_evidence: logarithm of the integral of likelihood and prior, without the constants of the
-      readings and of the pose's prior.
+    - log_evidence: of likelihood times prior, integrated, without constants of readings and pose.
     - runner_up: pose of the next minimum; nan where there is none.
     - angle, runner_up_angle: spectral angles to the two nearest rows, rad.
-    - wider: whether the covariance is wider than the posterior's, to cover a minimum that is about
-      as likely as the best.
+    - wider: whether the covariance had to be wider to cover a minimum about as likely as the best.
     """
 
     outcome: int
@@ -246,10 +239,7 @@ def posterior_about(problem: Problem, minima: list[State]) -> PosteriorMoments:
 
 
 def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
-    """Widen a covariance until it covers each minimum that is about as likely as the best.
-
-    Returns whether it had to be wider.
-    """
+    """Widen a covariance to cover minima about as likely as the best; returns whether it had to."""
     wider = False
     for state in minima:
         off = state.parts[POSE, :5] - pose
@@ -269,8 +259,6 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
 def estimate_frame(problem: Problem, guide: Guide, most_faulty: int) -> FrameResult:
     """Estimate the pose of one image.
 
-    - problem: with the readings, and the roll.
-    - guide: of the scene's table.
     - most_faulty: how many detectors may be faulty, whose readings and weights are written; where
       none is found there is no estimate. 0: none is looked for.
     """
@@ -281,7 +269,7 @@ def estimate_frame(problem: Problem, guide: Guide, most_faulty: int) -> FrameRes
     best, angle, second_angle = NO_FIT, np.nan, np.nan
     runner_up, runner_up_score, wider = nothing, np.nan, False
     if most_faulty == 0 or leave_out(problem, guide.poses, guide.roots, most_faulty):
-        # Of the image once more, also where it came with them: that is less than to hand them down.
+        # Worked out also where the caller has them: that is less than to hand them down.
         side, parameters = guide.side, np.empty((5, 1))
         column = np.zeros((side * side, 1))  # the images of all lamps together
         for i in range(len(problem.readings)):

@@ -48,7 +48,7 @@ class FrameKind(NamedTuple):
     - added: what this kind adds to the covariance of the constants, shape ``(r, r)``.
     - doubt: factor of the pose's covariance, >= 1, for what the kind does not describe.
     - clear: whether it is lit as the scene says, also with faulty detectors or a dark lamp.
-    - rare: whether an image is taken for such a frame only where it is hardly a clear one.
+    - rare: whether it is considered only for images that are hardly clear ones.
     """
 
     problem: Problem

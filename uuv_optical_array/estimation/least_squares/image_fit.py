@@ -68,8 +68,7 @@ CLEAR = 0.99  # probability beyond which an image counts as one that nothing sha
 # By several lamps all but clear frames are so many times as frequent in the moments of the pose, as
 # a shade may look like another pose, and the shares are a choice.
 OFTEN = 3.0
-# Probability that a lamp is off or hidden, and chance of noise from which one that shows nothing
-# may be.
+# Probability that a lamp is off or hidden, and chance of noise from which a dark one may be.
 LAMP_OFF, LIKELY_DARK = 1e-3, 1e-3
 
 
@@ -116,7 +115,6 @@ class ImageFit:
     - model: the scene's forward model; the extent of its table is where the lamp is looked for.
     - constants: what the scene leaves unknown.
     - candidates, max_misfit, compiled: as of `Estimator`.
-    - compiled: whether it runs as Numba compiles it.
     - guide: where fits start from and how far they go, unless they are told otherwise.
     """
 
@@ -203,8 +201,7 @@ class ImageFit:
         """Fit an image.
 
         - readings: counts, shape ``(m,)``.
-        - roll: of the follower, rad.
-        - expected: as of `Estimator.estimate`.
+        - roll, expected: as of `Estimator.estimate`.
         - guide: ``None``: that of all images, some of whose detectors may be faulty.
         - NoPose: for an image that no pose of the scene explains.
         """
@@ -235,7 +232,6 @@ class ImageFit:
     def _hypothesis(
         self, kind: FrameKind, problem: Problem, guide: Guide, most_faulty: int = 0
     ) -> Hypothesis:
-        """Fit an image as a frame of a kind."""
         frame = self._frame(problem, guide, most_faulty)
         linear = None
         if self._models:
@@ -374,10 +370,7 @@ class ImageFit:
     def near(
         self, readings: Array, at: Array, roll: float, stretch: float, weights: Array
     ) -> LinearisedReadings:
-        """Return the likelihood of an image near pose and constants, as far as weights are not 0.
-
-        Its variances are larger by the factor `stretch`, which the fit had.
-        """
+        """Return readings linearised at a place, variances times `stretch`, inf at weights of 0."""
         near = self._linearise(readings, at, roll)
         variances = stretch * near.variances
         variances[weights == 0] = np.inf

@@ -46,9 +46,8 @@ class LinearModel(NamedTuple):
 class LinearModels:
     """Makes the linear models of images of one scene.
 
-    - model, kinds, constants: of the scene; names of the constants.
+    - constants: their names.
     - pose_precision: inverse covariance of the pose's prior.
-    - compiled: whether readings are linearised by compiled code.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
 """Whether residuals are those of an honest image: their sum of squares and its distribution.
 
-A reading inside the limits adds a square of a standard normal. One near a limit of the array adds
-less, because what lies beyond the limit is cut off; both have closed moments. Their sum is taken
-for a scaled chi-square of the same mean and variance, without what the fit takes away.
+A reading inside the limits adds the square of a standard normal, one near a limit less, as what
+lies beyond is cut off; both have closed moments. The sum is taken for a scaled chi-square of the
+same mean and variance, less what the fit takes away.
 """
 
 import math
@@ -35,12 +35,7 @@ def cut_moments(inside: Any) -> tuple[Any, Any]:
 
 @law
 def residual_moments(light: Any, std: Any, noise: ReadingNoise) -> tuple[Any, Any]:
-    """Return mean and variance of the square of a residual, in standard deviations of the reading.
-
-    - light: expected, counts.
-    - std: of the reading, counts.
-    - noise: of the scene: the limits are asked for.
-    """
+    """Return mean and variance of ``(residual / std)^2`` at the expected light, both in counts."""
     low_square, low_fourth = cut_moments((light - noise.low) / std)
     high_square, high_fourth = cut_moments((noise.high - light) / std)
     # The farther limit cuts off next to nothing.
@@ -57,11 +52,7 @@ def chi_square_shape(mean: Any, variance: Any) -> tuple[Any, Any]:
 
 @law
 def chi_square_score(squares: Any, mean: Any, variance: Any) -> Any:
-    """Return the standard normal value that is as improbable as a sum of squares.
-
-    - squares: the sum, what priors of other unknowns add included, >= 0.
-    - mean, variance: as in `chi_square_shape`.
-    """
+    """Return the standard normal value as improbable as a sum of squares, with those of priors."""
     left, spread = chi_square_shape(mean, variance)
     return ((squares / left) ** (1 / 3) - 1 + spread) / sqrt(spread)
 

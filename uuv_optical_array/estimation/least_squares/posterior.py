@@ -1,20 +1,18 @@
 """What an image leaves possible: mean and covariance of the pose.
 
-Given the attitude, all else (where the lamp is seen, how much its light is attenuated, and the
-scene's nuisances) is nearly Gaussian, however bent or broad the whole posterior is: these are what
-an image tells directly. So pitch and yaw are integrated on a lattice, and at each of its nodes all
-else by Laplace's approximation (as in the nested Laplace approximations of H. Rue, S. Martino and
-N. Chopin, 2009, J. R. Stat. Soc. B 71, 319).
+Given the attitude, all else (the lamp's direction and attenuation, the scene's nuisances) is nearly
+Gaussian, however bent or broad the whole posterior is: an image tells it directly. So pitch and yaw
+are integrated on a lattice, and all else at each of its nodes by Laplace's approximation (nested as
+by H. Rue, S. Martino and N. Chopin, 2009, J. R. Stat. Soc. B 71, 319).
 
-The lattice is filled outwards from a minimum, node by node, wherever the posterior is not
-negligible: over an ellipse, a banana, or the ring of attitudes that a planar array cannot tell
-apart. A sum over a lattice whose spacing is 1.5 standard deviations integrates a Gaussian to 1e-4,
-and its variance to half a percent.
+The lattice is filled outwards from a minimum wherever the posterior is not negligible: over an
+ellipse, a banana, or the ring of attitudes that a planar array cannot tell apart. A spacing of 1.5
+standard deviations integrates a Gaussian to 1e-4, and its variance to half a percent.
 
-Where the posterior is nearly a Gaussian of the attitude, too, nine nodes of Gauss and Hermite's
-rule tell so, and integrate it with a third of the nodes (M. Abramowitz and I. Stegun, *Handbook of
-Mathematical Functions*, 1964, 25.4.46). Laplace's approximation of the whole serves to compare
-hypotheses; as a covariance it is overconfident by one lamp, most in bright light.
+Where the posterior is nearly Gaussian in the attitude, too, nine nodes of Gauss and Hermite's rule
+tell so, and integrate it with a third of the nodes (M. Abramowitz and I. Stegun, *Handbook of
+Mathematical Functions*, 1964, 25.4.46). Laplace's approximation of the whole only serves to compare
+hypotheses: as a covariance it is overconfident by one lamp, most in bright light.
 """
 
 import math
@@ -61,16 +59,12 @@ CORRECTIONS = 12  # steps of all else at a node
 class Lattice(NamedTuple):
     """The posterior at m attitudes, all else integrated.
 
-    - logs: logarithm of the probability density of the attitude, without constants, shape ``(m,)``;
-      -inf: no node.
+    - logs: logarithm of the attitude's density, without constants, ``(m,)``; -inf: no node.
     - ats: coordinates and nuisances of the conditional mean, shape ``(m, p)``.
-    - moved: how the conditional mean of all else moves with pitch and yaw, shape ``(m, 2, p)``; 1
-      for pitch and yaw themselves.
-    - slopes: of the logarithm of the density by pitch and yaw, shape ``(m, 2)``.
-    - curvatures: its second derivatives in Gauss and Newton's approximation, sign turned: by pitch,
-      by both, by yaw, shape ``(m, 3)``.
-    - poses, covariances: conditional mean and covariance of the pose, shapes ``(m, 5)`` and ``(m,
-      5, 5)``.
+    - moved: slopes of `ats` by pitch and yaw, shape ``(m, 2, p)``.
+    - slopes: of `logs` by pitch and yaw, shape ``(m, 2)``.
+    - curvatures: their negative second derivatives, Gauss-Newton's: pitch, both, yaw, ``(m, 3)``.
+    - poses, covariances: of the pose at the attitude, shapes ``(m, 5)`` and ``(m, 5, 5)``.
     """
 
     logs: Array
@@ -342,8 +336,7 @@ def by_nine_nodes(
 ) -> PosteriorMoments:
     """Integrate by Gauss and Hermite's rule about the first node.
 
-    Without nodes, and the lattice with its first one alone, where a logarithm there is off that of
-    the Gaussian by `NEARLY` or more.
+    Without nodes, and with one left in the lattice, where a logarithm is off by `NEARLY` or more.
     """
     logs, node = np.empty(9), MINIMUM
     start, step = np.empty(lattice.ats.shape[1]), np.sqrt(3.0) / SPACING

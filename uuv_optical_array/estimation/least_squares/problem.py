@@ -39,8 +39,7 @@ STEEPEST = np.pi / 3  # pitch of a vehicle, rad
 FEW_STEPS: Any = np.int64(10)
 MOST_STEPS: Any = np.int64(40)
 MANY_STEPS: Any = np.int64(300)
-# Decrement from which the next step arrives: it is a tenth of a standard deviation, and what it
-# leaves is second order of that.
+# Decrement from which the next step, a tenth of a standard deviation, arrives to second order.
 ARRIVED = 5e-3
 # Scores that one honest image of a hundred exceeds, and one of a thousand.
 USUAL, UNUSUAL = 2.326, 3.09
@@ -57,8 +56,7 @@ class Problem(NamedTuple):
 
     - optics, noise, frame: of the scene.
     - pose_mean, pose_std: of the prior of the pose, m and rad, shape ``(5,)`` each.
-    - nuisance_mean, nuisance_precision: of the prior of the q nuisances: mean and inverse
-      covariance, shapes ``(q,)``, ``(q, q)``.
+    - nuisance_mean, nuisance_precision: of the prior of the nuisances, ``(q,)`` and ``(q, q)``.
     - reach: longest step of a fit by coordinate, shape ``(p,)``.
     - readings: counts, finite, shape ``(n,)``.
     - weights: 1 for each reading that counts, 0 for one that is left out, shape ``(n,)``.

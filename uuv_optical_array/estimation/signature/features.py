@@ -190,9 +190,8 @@ def key_parameters(
 ) -> Array:
     """Compute the five key parameters of images.
 
-    The peak is the brightest detector; of several equally bright ones (a saturated top, a
-    tie) the one nearest their centroid, of several nearest the first in reading order. Both
-    profiles run through it.
+    The peak is the brightest detector; of equal ones (a saturated top, a tie) the one nearest their
+    centroid, of several nearest the first in reading order. Both profiles run through it.
 
     Parameters
     ----------
@@ -201,9 +200,8 @@ def key_parameters(
     full_scale_counts
         Largest reading of the array (I_max), counts, > 0.
     peak
-        ``detector`` places the peak at a whole detector, as the paper does; ``subdetector``
-        at the vertex of a parabola through its neighbours, or along an axis on which the top
-        is flat at its centroid.
+        ``detector`` places the peak at a whole detector, as the paper does; ``subdetector`` at the
+        vertex of a parabola through its neighbours, or along a flat top at its centroid.
 
     Returns
     -------
@@ -236,9 +234,8 @@ def key_parameters(
 def lifted(parameters: ArrayLike, settings: SignatureSettings, side: int) -> Array:
     """Weigh the five parameters and append the constant: the vectors that are matched.
 
-    The spectral angle of five numbers does not see their common scale, so that an aligned
-    array has one signature at every range; the appended constant makes the angle see it. Shapes are
-    ``(..., 5)`` and ``(..., 6)``.
+    The spectral angle of five numbers does not see their common scale, so that an aligned array has
+    one signature at every range; with the constant it does. Shapes: ``(..., 5)``, ``(..., 6)``.
     """
     parameters = np.asarray(parameters, dtype=float)
     position = settings.position_weight * 2 / (side - 1)

@@ -2,9 +2,8 @@
 
 The bounds follow from the definition of the key parameters (`features`): the peak is the brightest
 detector over full scale, its place lies on the array, and the skewness is that of as many slopes as
-a row has detectors. Of n numbers none has a larger skewness than n - 1 alike and one apart, which
-is (n - 2) / sqrt(n - 1) (J. E. Wilkins, *A note on skewness and kurtosis*, Ann. Math. Statist. 15,
-1944).
+a row has detectors. Of n numbers it is largest with n - 1 alike: ``(n - 2) / sqrt(n - 1)`` (J. E.
+Wilkins, *A note on skewness and kurtosis*, Ann. Math. Statist. 15, 1944).
 """
 
 import math
@@ -74,11 +73,10 @@ def check_image(parameters: Array, image: Array, scene: Scene) -> None:
 class FrozenFrames:
     """Notice a stream that repeats a frame where noise makes that all but impossible.
 
-    Two readings of the same light are the same whole count with a probability of at most the
-    integral of the squared density of their noise, ``1 / (2 sqrt(pi) sigma)``; a reading at 0 or
-    at full scale may repeat for ever. The probabilities of all readings, and of frames that repeat
-    one after the other, multiply. So a scene without noise, and a dark or saturated image, may
-    repeat.
+    Two readings of the same light are the same count with a probability of at most the integral of
+    their noise's squared density, ``1 / (2 sqrt(pi) sigma)``; a reading at 0 or at full scale may
+    repeat for ever. The probabilities of all readings, and of frames that repeat one after the
+    other, multiply. So a scene without noise, and a dark or saturated image, may repeat.
     """
 
     def __init__(self, model: ForwardModel) -> None:

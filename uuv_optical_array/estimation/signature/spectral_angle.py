@@ -26,8 +26,7 @@ def unit_vectors(vectors: ArrayLike) -> Array:
         raise ValueError("spectral angle: a vector is zero and has no angle; drop it")
     with np.errstate(under="ignore"):
         if largest.size and not (largest.min() > SMALL and largest.max() < LARGE):
-            # Near one first, so that squares neither overflow nor underflow; by a power of two,
-            # which rounds nothing.
+            # Near one first, lest squares overflow or underflow; a power of two rounds nothing.
             own = np.ldexp(own, -np.frexp(largest)[1])
         return own / np.sqrt(np.add.reduce(own * own, axis=-1, keepdims=True))
 
@@ -69,9 +68,8 @@ def _tree(units: Array) -> cKDTree:
 class SpectralIndex:
     """Exact search for the rows, shape ``(m, n)``, of least spectral angle.
 
-    Nearest by angle is nearest by chord on the unit sphere, so a k-d tree on normalised rows
-    answers exactly; the candidates are ranked again by the stable angle. ValueError for a row that
-    has no direction, or no rows.
+    Nearest by angle is nearest by chord on the unit sphere, so a k-d tree of unit rows answers
+    exactly; the stable angle ranks again. ValueError for no rows, or a row without a direction.
     """
 
     def __init__(self, rows: ArrayLike) -> None:
@@ -97,9 +95,8 @@ class SpectralIndex:
     def nearest(self, query: ArrayLike, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
         """Find the k rows nearest to a vector, shape ``(n,)``.
 
-        Returned are angles, rad, ascending, and row numbers, by which equal angles are ordered,
-        each of shape ``(min(k, m),)``. ValueError for a query that has no direction, or is of
-        another length than the rows.
+        Returned are angles, rad, ascending, and row numbers, which order equal ones,
+        ``(min(k, m),)`` each. ValueError for a query without a direction, or of another length.
         """
         query, (count, length) = np.asarray(query, dtype=float), self._units.shape
         if query.shape != (length,):

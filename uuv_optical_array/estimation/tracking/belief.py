@@ -6,10 +6,9 @@ prior. Given the biases the errors of frames are white, and a Kalman filter of p
 beside its mean only how that follows each bias (B. Friedland, 1969, IEEE Trans. Automatic Control
 14, 359): whatever is learnt of the biases then moves the pose, and no frame is filtered again.
 
-The covariance given the biases is kept as a root. With any gain K the error after a correction is
+The covariance given the biases is kept as a root: with any gain K a correction leaves the error
 ``(I - K H) e - K v`` (P. Joseph's form; Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation
-with Applications to Tracking and Navigation*, 2001, ch. 5.2.5), so no rounding makes a variance
-negative.
+with Applications to Tracking and Navigation*, 2001, ch. 5.2.5), and no variance rounds below 0.
 """
 
 import math
@@ -65,7 +64,6 @@ class Observation(NamedTuple):
 class BiasSpace:
     """Which bias is what, and how biases drift.
 
-    - constants: what is not known of the scene.
     - hold_s: time in which constants and gains drift to new values, s.
     - constants, gains, shades: places of the biases.
     - learnt: how many of the first there are that readings teach: constants and gains.
@@ -154,8 +152,7 @@ def _upper_mask(size: int) -> Array:
 def weigh(motion: Motion, biases: Biases, observation: Observation) -> tuple[float, float]:
     """Return how far an observation is from what was expected, and how improbable it is.
 
-    - returned distance: mahalanobis distance of the innovation from 0, chi with five degrees of
-      freedom.
+    - returned distance: Mahalanobis distance of the innovation, chi with five degrees of freedom.
     - returned cost: twice the negative log-likelihood of the innovation, but for a constant.
     """
     innovation, by_pose, by_biases = observation

@@ -2,8 +2,8 @@
 
 Readings are applied in coordinates in which images stay linear (`joint_coordinates`), and are
 linearised once more on the way from the predicted pose to the corrected one (`RELINEARISE_AT`).
-Slopes at the end of that way have the noise of the readings that they weigh, those at its beginning
-leave out the curvature of the light: either biases what is learnt, the same in each frame.
+Slopes at its end have the noise of the readings that they weigh, those at its beginning leave out
+the curvature of the light: either biases what is learnt, the same in each frame.
 """
 
 import math
@@ -49,11 +49,7 @@ RELINEARISE_AT = 0.25
 
 
 class Belief(NamedTuple):
-    """What a track believes after a frame.
-
-    - motion, biases: pose and rate given the biases, and these.
-    - keyframes: by which the biases are known.
-    """
+    """After a frame: pose and rate given the biases, these, and the keyframes that teach them."""
 
     motion: Motion
     biases: Biases
@@ -89,13 +85,7 @@ class Corrected(NamedTuple):
 
 
 class Correction:
-    """Corrects beliefs by frames.
-
-    - space: of the biases.
-    - constants: what is not known of the scene.
-    - settings: of the tracker.
-    - gate: distance beyond which readings are not linearised once more.
-    """
+    """Corrects beliefs by frames; beyond the distance `gate` readings are linearised only once."""
 
     def __init__(
         self, space: BiasSpace, constants: Constants, settings: TrackerSettings, gate: float
@@ -109,8 +99,6 @@ class Correction:
     def pose_errors(self, biases: Biases, frame: Measurement) -> tuple[Array, Array]:
         """Return how the pose of a frame depends on the biases, and its white errors.
 
-        - biases: before the frame.
-        - frame: of which the pose is used.
         - returned root: of the covariance of the white errors, lower triangular, shape ``(5, 5)``.
         - returned slopes: of the measured pose by the biases, shape ``(5, k)``.
         """

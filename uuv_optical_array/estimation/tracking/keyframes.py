@@ -1,22 +1,20 @@
 """What is known of the biases by keyframes: frames that are linearised again as more is learnt.
 
-A filter that learns constants keeps each frame as it was linear at the constants of its time, and
-that error stays. So frames from places that are new become keyframes, which keep their images. They
-are linearised anew when the biases have become known better, each where the track expected it
-before its image came, moved with the biases: at a place that its own noise chose, slopes and noise
-would be correlated, which biases what is learnt, the same in each frame. Their poses are free; what
-these leave of the frames fits the biases by Gauss and Newton. Far from where the images are likely,
-what linear images promise of the likelihood is not theirs, so steps are halved not until that
-grows, but until the next step is shorter in standard deviations.
+A filter that learns constants keeps each frame linearised at the constants of its time, and that
+error stays. So frames from new places become keyframes, which keep their images. They are
+linearised anew as the biases become known better, each where the track expected it before its image
+came, moved with the biases: at a place that its own noise chose, slopes and noise would be
+correlated, which biases what is learnt. Their poses are free; what these leave fits the biases by
+Gauss and Newton. Far from the likely biases linear images misjudge the likelihood, so steps are
+halved until the next is shorter in standard deviations, not until likelihood grows.
 
 A place is new where it is farther from the last one than one image tells places apart. Frames of
 the same place share the error of the place at which they are linearised, and would teach the biases
 that error as often as there are frames.
 
-When there are too many, every second one is left out, and from then on twice the time is between
-them; a sum of frames as they were linear once would go wrong where slopes change, as they do with
-the logarithm of the scattering. The oldest are left out before the biases have drifted far. What
-the rest say is as old as they are on average.
+When there are too many, every second one is left out and the time between them doubles; a sum of
+frames linearised once would go wrong where slopes change, as with the logarithm of scattering. The
+oldest are left out before the biases have drifted far. What the rest say has their average age.
 """
 
 from bisect import bisect_left
@@ -48,8 +46,7 @@ class Keyframe(NamedTuple):
 
     - stamp_ns: of its image, ns.
     - pose: where the track expected it before its image came, m and rad, shape ``(5,)``.
-    - place, slopes: the same in straight coordinates, and its slopes by the biases, shapes ``(5,)``
-      and ``(5, k)``.
+    - place, slopes: `pose` in straight coordinates, its slopes by the biases, ``(5,)``, ``(5, k)``.
     - biases: as they were expected then, shape ``(k,)``.
     - readings_at: returns its readings linearised at pose and constants, shape ``(5 + q,)``.
     """
@@ -68,8 +65,7 @@ class Keyframes(NamedTuple):
     - biases: at these, shape ``(k,)``.
     - every_s: least time between them, s.
     - frames: from the oldest to the newest.
-    - squares: of each the squares and products of its residuals and of the slopes of these by the
-      biases, shape ``(1 + k, 1 + k)``.
+    - squares: of each, products of its residuals and their slopes by biases, ``(1 + k, 1 + k)``.
     """
 
     biases: Array
@@ -88,12 +84,7 @@ class Keyframes(NamedTuple):
 
 
 class BiasFit:
-    """Fits biases to keyframes.
-
-    - space: of the biases.
-    - hold_s: time in which biases drift to new values, s.
-    - coordinates: straight ones of pose and constants.
-    """
+    """Fits biases, which drift to new values in `hold_s`, s, to keyframes."""
 
     def __init__(self, space: BiasSpace, hold_s: float, coordinates: JointCoordinates) -> None:
         self._space, self._coordinates = space, coordinates

@@ -37,8 +37,7 @@ class Measurement(NamedTuple):
 def checked_pose(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
     """Return copies of a pose, its yaw in [-pi, pi], and of the lower root of its covariance.
 
-    - ValueError: for a wrong shape, a number out of bounds, or a covariance that is not symmetric
-      or not positive definite.
+    ValueError for a wrong shape or bound, or a covariance that is not symmetric positive definite.
     """
     pose, covariance = np.array(pose, dtype=float), np.asarray(covariance, dtype=float)
     cure = f"give ({', '.join(DOF_NAMES)}), five numbers within +-{MAX_POSE:g}"
@@ -64,8 +63,7 @@ def checked_pose(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
 def checked_readings(readings: LinearisedReadings, constants: Constants) -> LinearisedReadings:
     """Return a copy of readings.
 
-    - ValueError: for shapes that are not those of `constants`, numbers that are not finite, or
-      variances that are not > 0.
+    ValueError for shapes not of `constants`, numbers that are not finite, or variances not > 0.
     """
     readings = LinearisedReadings(*(np.array(part, dtype=float) for part in readings))
     width = 5 + len(constants.names)

@@ -1,12 +1,11 @@
 """What differs from the scene for long, by what many frames leave together.
 
 An error of one frame is lost in its noise; one that lasts is in all frames. Each frame is linear in
-its pose, which is free, and in lasting errors: of the constants and the detectors' gains, which are
-as large as the prior says, and of the lamp's power with time, which is none. Scores s of these and
-their information J, summed over frames, are Gaussian about 0 with covariance J + J P J, where P is
-the prior's, if the scene is right. A score test for each error beyond its prior (C. R. Rao, 1948,
-Proc. Camb. Phil. Soc. 44, 50) and the chi-square of all of them tell if it is not, and the largest
-score what explains it best.
+its pose, which is free, and in lasting errors: of constants and gains, as large as the prior says,
+and of the lamp's power with time, whose prior is 0. Scores s of these and their information J,
+summed over frames, are Gaussian about 0 with covariance J + J P J, P the prior's, if the scene is
+right. A score test for each error beyond its prior (C. R. Rao, 1948, Proc. Camb. Phil. Soc. 44, 50)
+and the chi-square of all tell if it is not, and the largest score what explains it best.
 """
 
 import math
@@ -32,10 +31,8 @@ NEGLIGIBLE = 1e-9  # of the largest information, below which rounding is all the
 
 
 class LastingResiduals:
-    """Tests the frames of a track.
+    """Tests the frames of a track, by arrays of at most `MOST_TESTED` detectors.
 
-    - constants: what is not known of the scene. Arrays of more than `MOST_TESTED` detectors are not
-      tested.
     - mismatch: what would explain the frames best; empty while the scene does.
     """
 

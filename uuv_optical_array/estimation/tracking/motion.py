@@ -50,13 +50,7 @@ class OwnMotion:
         self._commands: list[tuple[int, Array]] = [(LONG_AGO_NS, np.zeros(5))]
 
     def command(self, stamp_ns: int, twist: ArrayLike) -> None:
-        """Add a command; those from its stamp on are replaced by it.
-
-        - stamp_ns: from when on it holds, ns.
-        - twist: surge, sway, heave (m/s), pitch and yaw rate (rad/s) in the follower's frame, shape
-          ``(5,)``.
-        - ValueError: for a twist of wrong shape or out of bounds.
-        """
+        """Add a command as `Tracker.command` does, errors included; it replaces later ones."""
         twist = checked_rate("twist", twist)
         del self._commands[bisect_left(self._commands, stamp_ns, key=_stamp) :]
         self._commands.append((stamp_ns, twist))
@@ -96,7 +90,6 @@ def in_beacon(pose: Array, twist: Array) -> Array:
 
     - pose: ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
     - twist: surge, sway, heave, pitch and yaw, as rates or as a short way, shape ``(5,)``.
-    - returned: in the units of `twist`, shape ``(5,)``. The pitch is taken for small, so that both
-      turns add to the angles.
+    - returned: in the units of `twist`, ``(5,)``; for small pitch, where turns add to the angles.
     """
     return np.concatenate([rotation_matrix(pose[PITCH], pose[YAW]) @ twist[:3], twist[3:]])

@@ -38,9 +38,7 @@ def scene_changes(
     A scene gives the lamp's power by the reading at a reference range, through its water, so that
     reading changes with the water even where the lamp is the same.
 
-    - model: the scene's forward model.
-    - constants: what the scene does not know.
-    - learnt: what is known of it by now, as `Track.constants` has it.
+    - learnt: what is known of the constants by now, as `Track.constants` has it.
     - beyond: standard deviations of its prior by which a constant must be off to be named; one that
       is known to be off (`SURE`) is named before.
     """

@@ -57,16 +57,14 @@ class Track:
     constants
         What is known of the scene's constants by now, by dotted name.
     gains
-        Relative gain errors of the detectors, as learnt, shape ``(n,)``; shape ``(0,)`` where they
-        are not.
+        Relative gain errors of the detectors, as learnt, shape ``(n,)``; ``(0,)``: they are not.
     own_motion
         Whether the follower's commands are known at that instant, or contradicted by the images.
     mismatch
         What would explain best that the frames of the last half minute are not of the scene; empty
         where they may be. The covariance then says that next to nothing is known of the pose.
     turn
-        By several lamps, the covariance of the follower's roll with the pose, and its variance,
-        shape ``(6,)``; ``None`` by one.
+        Covariance of the roll with the pose, and its variance, ``(6,)``; ``None`` by one lamp.
     """
 
     stamp_ns: int
@@ -103,11 +101,7 @@ class RelativeOdometry(NamedTuple):
 
 
 def relative_odometry(track: Track, roll: float, roll_std: float) -> RelativeOdometry:
-    """Return a track as odometry.
-
-    - track: of a frame, as `Pipeline.track` returns it.
-    - roll, roll_std: of the follower, and its standard deviation, rad.
-    """
+    """Return a track of `Pipeline.track` as odometry, by the follower's roll and its std, rad."""
     shown = roll_std if track.turn is None else track.turn
     covariance = covariance_6x6(track.pose, track.covariance, shown)
     twist, spread = body_twist(track.pose, track.rate, track.joint_covariance, roll)

@@ -1,22 +1,20 @@
 """One track through many frames: a Kalman filter of pose, rate and constants of the day.
 
-While the tracker gets the follower's commands, the pose moves by them and by the rate, which is
-then that of the leader's motion; without commands the rate is that of the whole relative motion
-(`motion`). Where commands begin or end, the rate is another one and starts from its prior.
-The filter of pose and rate is that of given biases, which are learnt beside it (`belief`).
+With the follower's commands the pose moves by them and by the rate, which is then the leader's;
+without, the rate is that of the whole relative motion (`motion`). Where commands begin or end, it
+starts from its prior. Pose and rate are filtered for given biases, learnt beside them (`belief`).
 
 A frame comes as a pose with its covariance, or with its readings, linearised (`correction`).
 
-- Of a pose alone, only the white part of the errors averages out. ``common_share`` is one error of
-  all frames, such as the bias of a grid, or more where images are not linear (`correction`). What
-  unknown constants do to its range, given how bright the image is, is one error of all frames, too.
-  The errors of a shaded frame vary as slowly as the shade. A bare pose teaches none of these
-  biases, so that the track follows the motion and its covariance stays large enough.
-- A track that has begun with readings takes no bare poses, but of shaded frames, as these say only
-  roughly what they share of the constants' errors; for a while it goes on without. One of poses
+- Of a pose alone, only the white part of the errors averages out. All frames share the error
+  ``common_share``, such as the bias of a grid, or more where images are not linear, and what
+  unknown constants do to the range, given how bright the image is. The errors of a shaded frame
+  vary as slowly as the shade. A bare pose teaches none of these biases, so the track follows the
+  motion and its covariance stays large enough.
+- Bare poses say only roughly what they share of the constants' errors: a track that began with
+  readings takes them only of shaded frames, and otherwise goes on for a while without; one of poses
   begins anew with the first readings.
-- Readings teach the scene's unknown constants and the detectors' gain errors as well, while the
-  vehicles move (`keyframes`).
+- Readings also teach the constants and the detectors' gains, while the vehicles move (`keyframes`).
 
 The rate changes at random, and now and then at once: a frame that the usual motion hardly explains
 is weighed as the first after a manoeuvre, by its likelihood and the manoeuvre's prior probability
@@ -97,7 +95,6 @@ class _State:
 class Tracker:
     """Filter frames in the order of their stamps, in whatever order they come.
 
-    - settings: checked settings.
     - constants: what is not known of the scene, to be learnt from frames with readings.
     """
 
@@ -124,13 +121,11 @@ class Tracker:
         """Take the follower's own motion, which carries the pose on until the next command.
 
         - stamp_ns: from when on it moves so, ns; commands of later stamps are forgotten.
-        - twist: surge, sway, heave (m/s), pitch and yaw rate (rad/s) in the follower's frame, shape
-          ``(5,)``.
+        - twist: surge, sway, heave (m/s), pitch and yaw rate (rad/s) in its frame, shape ``(5,)``.
         - ValueError: for a twist of wrong shape or out of bounds.
         """
         self._own_motion.command(stamp_ns, twist)
-        # Late frames need the commands of buffer and reset; twice that, as frames are older than
-        # commands.
+        # Late frames need those of buffer and reset; twice, as frames are older than commands.
         self._own_motion.forget(stamp_ns - 2 * (self._buffer_ns + self._reset_ns))
 
     def update(
@@ -161,17 +156,12 @@ class Tracker:
 
         - stamp_ns: of the image, ns. One farther behind than ``buffer_s + reset_after_s`` starts
           anew: the clock was set back.
-        - pose: ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``.
-        - covariance: of `pose`, shape ``(5, 5)``, positive definite.
-        - readings: the likelihood of the image near its own best fit; ``None``: only `pose` and
-          `covariance` are used, and the constants stay as they are.
+        - pose, covariance: m and rad, shapes ``(5,)`` and ``(5, 5)``, the latter positive definite.
+        - readings: likelihood of the image near its best fit; ``None``: constants stay as they are.
         - relinearise: returns the same likelihood near another place, as `LinearisedReadings.at`
-          has it; it is called on the way from the predicted to the corrected state. ``None``:
-          `readings` are used as they are.
-        - shaded: probability that something shades the frame, in [0, 1], where `constants` name
-          shades; not used for a frame with `readings`.
-        - returned int: stamp of the newest frame in the track, ns: a later one where this frame
-          came late.
+          has it; ``None``: `readings` are used as they are.
+        - shaded: probability that something shades the frame, in [0, 1]; not used with `readings`.
+        - returned: stamp of the newest frame in the track, ns: a later one where this came late.
         - Outlier: for a pose beyond the gate.
         - StampRefused: for a frame older than the buffer, or a stamp that is in it.
         - ValueError: for a pose, covariance or readings of wrong shape or out of bounds.
@@ -211,10 +201,7 @@ class Tracker:
         return _stamp(history[-1])
 
     def track(self) -> Track:
-        """Return the track at the newest frame in it.
-
-        - NoPose: where there is no frame yet.
-        """
+        """Return the track at the newest frame in it; NoPose where there is none yet."""
         if not self._history:
             raise NoPose("no track: there is no frame yet")
         newest = self._history[-1][1]
@@ -254,10 +241,8 @@ class Tracker:
     def expected(self, stamp_ns: int) -> Expected:
         """Return what is known of a frame before its image: the prior of its fit.
 
-        - stamp_ns: of that frame, ns; the constants have drifted since the newest one in the track,
-          and its light may have become other light.
-        - returned: offsets in the order of the constants' names; the covariance is positive
-          definite.
+        Constants and light have drifted until its stamp, ns, since the newest frame of the track.
+        Offsets are in the order of the constants' names; their covariance is positive definite.
         """
         state = self._history[-1][1] if self._history else self._previous
         usual, lasts_s = self._constants.uneven, self._constants.unclear_lasts_s

@@ -18,10 +18,8 @@ REST_OF_SHADE = 0.02  # by which a shade of the scene may still dim frames that 
 class Expected(NamedTuple):
     """What is known of a frame before its image.
 
-    - mean, covariance: of the offsets of the scene's q unknown constants, shapes ``(q,)`` and ``(q,
-      q)``.
-    - uneven: probability that it is lit unevenly in a way that the scene does not name, in [0, 1];
-      ``None``: as the scene's prior says.
+    - mean, covariance: of the offsets of the q unknown constants, ``(q,)`` and ``(q, q)``.
+    - uneven: probability that it is one of the uneven frames of `Constants`; ``None``: their share.
     """
 
     mean: Array
@@ -33,14 +31,11 @@ class Expected(NamedTuple):
 class Constants:
     """Settings of the scene that are not known, and how far they may be off.
 
-    - names, stds: as `ForwardModel.nuisances`, and the standard deviation of the offset of each, >
-      0; the mean is 0.
+    - names, stds: of `ForwardModel.nuisances`; standard deviations, > 0, of offsets of mean 0.
     - gain_std: relative gain error of a detector, white over the array; 0: none.
     - detectors, lamps: how many there are, and how many each reads.
-    - frame: of the scene's coordinates; ``None``: pose and constants are corrected as they are,
-      which is right only where the light is linear in them.
-    - unclear_lasts_s: time in which light that is not clear becomes other light, s; 0: it is always
-      clear.
+    - frame: of `coordinates`; ``None``: only where the light is linear in pose and constants.
+    - unclear_lasts_s: correlation time of light that is not clear, s; 0: it is always clear.
     - uneven: share of frames that are lit unevenly in a way that the scene does not name.
     """
 

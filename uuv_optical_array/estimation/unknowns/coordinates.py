@@ -1,20 +1,16 @@
 """Coordinates of the pose in which an image is nearly linear.
 
 In ``(x, y, z, pitch, yaw)`` the poses that explain an image lie along a bent valley, far narrower
-than the bend: the array knows where the lamp stands in its own view and how bright it is, much
-better than where in the beam it floats. The coordinates are just these: the lamp's azimuth and
-elevation seen from the array's centre, half the logarithm of how much the light is attenuated
-there, pitch and yaw. In them a quadratic model holds, so fits arrive in few steps and a Gaussian
-describes what they know.
+than the bend: the array knows where it sees the lamp, and how bright, much better than where in the
+beam it floats. So the coordinates are the lamp's azimuth and elevation from the array's centre,
+pitch, yaw and the attenuation ``ln r + K r / 2 + eta^2 / (4 sigma^2)``, half the logarithm of what
+distance, water and beam take from the light there. In them an image is nearly quadratic: fits
+arrive in few steps, and a Gaussian describes what they know.
 
-The attenuation is ``ln r + K r / 2 + eta^2 / (4 sigma^2)``, half the logarithm of what distance,
-water and beam take from the light at the array's centre.
-
-A planar array cannot tell where the lamp stands from how it shines. What it sees is how the light
-falls off across it: near the axis ``s (a - b) + 3 a`` in units of the range, where a and b are the
-azimuths of the lamp and of the beam's source direction and ``s = 1 / sigma^2``. Its azimuth is
-therefore ``a - b s / (s + 3)``, its elevation likewise, and its attenuation takes Lambert's cosine
-in.
+A planar array cannot tell where the lamp stands from how it shines. It sees how the light falls off
+across it: near the axis ``s (a - b) + 3 a`` in units of the range, with the azimuths a of the lamp
+and b of the beam's source direction and ``s = 1 / sigma^2``. So its azimuth is
+``a - b s / (s + 3)``, its elevation likewise, and its attenuation includes Lambert's cosine.
 
 All functions take numbers, or components of many poses at once.
 """
@@ -37,8 +33,7 @@ LEAST_FACING = 1e-3  # cosine of incidence of a lamp almost beside a planar arra
 class CoordinateFrame(NamedTuple):
     """What the coordinates depend on: the array's centre in ``base_link``, m, beam and water.
 
-    The `share` is the ``s / (s + 3)`` of a planar array, and 0 for any other; `scattered_per_m` is
-    how much of the attenuation K is by scattering.
+    `share` is ``s / (s + 3)`` if planar, else 0; `scattered_per_m` is the part of K by scattering.
     """
 
     centre_x: float
@@ -108,10 +103,7 @@ def sight_angles(frame: CoordinateFrame, at: Any, source: Any) -> tuple[Any, Any
 
 @law
 def beam_loss(frame: CoordinateFrame, sight: Any, source: Any) -> tuple[Any, Any]:
-    """Return ``eta^2 / (4 sigma^2)``, and its slope by the cosine of eta, sign turned.
-
-    Of unit vectors from the array to the lamp and against the beam, by components.
-    """
+    """Return ``eta^2 / (4 sigma^2)`` and its slope by -cos(eta), of unit vectors."""
     cosine = dot(sight, source)
     off_x, off_y = sight[0] - cosine * source[0], sight[1] - cosine * source[1]
     off = off_x, off_y, sight[2] - cosine * source[2]
@@ -141,8 +133,7 @@ def from_pose(frame: CoordinateFrame, pose: Any, roll: Any) -> Any:
 def to_lamp(frame: CoordinateFrame, at: Any, roll: Any) -> tuple[Any, Any, Any]:
     """Return lamp and pose at coordinates, six and five components.
 
-    The third is the logarithm of the volume of poses in m and rad that a unit volume of the
-    coordinates holds.
+    The third is the logarithm of the volume of poses, m and rad, over that of the coordinates.
     """
     ahead, aside, above = rotation(at[PITCH], at[YAW], roll)
     azimuth, elevation = sight_angles(frame, at, ahead)
@@ -166,10 +157,7 @@ def to_lamp(frame: CoordinateFrame, at: Any, roll: Any) -> tuple[Any, Any, Any]:
 def write_slopes(
     frame: CoordinateFrame, at: Any, roll: Any, lamp: Any, slopes: Any, pose_slopes: Any
 ) -> None:
-    """Write the slopes by the coordinates of what `to_lamp` returned: of the lamp and of the pose.
-
-    Both are given as zeros, shapes ``(6, 5, ...)`` and ``(5, 5, ...)``.
-    """
+    """Write slopes of `to_lamp`'s lamp and pose into zeros, ``(6, 5, ...)`` and ``(5, 5, ...)``."""
     rows = rotation(at[PITCH], at[YAW], roll)
     ahead, aside, _ = rows
     x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z

@@ -1,12 +1,11 @@
 """Coordinates of pose and constants together in which many images stay linear.
 
-Range, the lamp's power, the water and the beam's width all read as brightness. What an image knows
-is the brightness, so of range and constants together it leaves a valley that is narrow and bent.
-In the fit's coordinates of the pose (`coordinates`), with the constants taken into
-the attenuation, ``ln r + K r / 2 + eta^2 / (4 sigma^2) - ln(P) / 2``, the valley is straight:
-an image fixes this number and next to nothing else of the constants. A filter that corrects pose
-and constants in metres takes the bend for knowledge, a little in every frame, and becomes sure of
-a wrong scene.
+Range, the lamp's power, the water and the beam's width all read as brightness, which is what an
+image knows: of range and constants together it leaves a narrow, bent valley. A filter that corrects
+them in metres takes the bend for knowledge, a little in every frame, and becomes sure of a wrong
+scene. In the fit's coordinates (`coordinates`), with the constants in the attenuation,
+``ln r + K r / 2 + eta^2 / (4 sigma^2) - ln(P) / 2``, the valley is straight: an image fixes this
+number and next to nothing else of the constants.
 """
 
 from collections.abc import Sequence
@@ -38,8 +37,7 @@ class Joint(NamedTuple):
     """What the coordinates depend on.
 
     - frame: of the scene, as `coordinates.frame_of` returns it.
-    - power, water, width, scattering: places of the constants that change the attenuation, from 5
-      on; -1: known.
+    - power, water, width, scattering: places of these constants, from 5 on; -1: known.
     """
 
     frame: CoordinateFrame
@@ -114,8 +112,7 @@ def prepare(constants: Constants) -> None:
 class JointCoordinates:
     """From pose and constants to coordinates and back; the constants stay as they are.
 
-    - frame: of the scene, as `coordinates.frame_of` returns it; ``None``: the coordinates are pose
-      and constants themselves, for light that is linear in them.
+    - frame: as of `Joint`; ``None``: pose and constants themselves, for light linear in them.
     - names: dotted names of the constants; those that do not change the attenuation are left alone.
     """
 

@@ -61,8 +61,7 @@ MOVING = {
 def check_effects(settings: Any) -> dict[str, dict[str, Any]]:
     """Check a scene's ``effects``, fill in defaults and put them in physical order.
 
-    ``None`` is no effect. ValueError for an unknown effect, one without a mapping, or a bad
-    setting, by name.
+    ``None`` is no effect. ValueError, by name, for an unknown effect, no mapping, or a bad setting.
     """
     settings = {} if settings is None else settings
     if not isinstance(settings, Mapping):

@@ -45,8 +45,7 @@ def lamp_drift(
     """Let the lamp's power drift slowly, as by a battery or a warming lamp.
 
     The logarithm is a sum of waves of random phase and Gaussian frequencies (Shinozuka and Jan
-    1972, J. Sound Vib. 25, 111): nearly a Gaussian process whose correlation is
-    ``exp(-t^2 / (2 T^2))``.
+    1972, J. Sound Vib. 25, 111), nearly a Gaussian process of correlation ``exp(-t^2 / (2 T^2))``.
     """
     rng = np.random.default_rng(seed)
     rates = rng.standard_normal(WAVES) / time_scale_s

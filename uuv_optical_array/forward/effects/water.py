@@ -46,7 +46,7 @@ def attenuation(
 ) -> Transmission:
     """Dim by Beer's law along the slant path, ``exp(-K r)`` (Eren et al. 2016, eq. 5).
 
-    K is given as a number, or by a water type and a wavelength (Jerlov 1976): see `jerlov`.
+    K is given as a number, or by a water type and a wavelength (Jerlov 1976).
     """
     assert k_per_m is not None  # resolved when the scene was checked
     return Transmission(beer, (k_per_m, 0.0, 0.0), "attenuation.k_per_m")

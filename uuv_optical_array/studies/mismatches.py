@@ -427,7 +427,8 @@ KINDS = (
             SHADE_CURE, (0.02, 0.05, 0.1)),
     *_kinds("half_shadow", half_shadow, "Half of the array lies in a hard shadow.", SHADE_CURE),
     *_kinds("rolled_{by:g}", lambda sea, by: sea.model.light(sea.poses, np.radians(by)),
-            "The follower is rolled by {by:g} deg, and the estimator is not told.",
+            "The follower is rolled by {by:g} deg, and the estimator is not told. By one lamp the "
+            "image is that of a level follower turned about the beam, so that nothing in it tells.",
             "Set `use_imu` and connect the vehicle's IMU.", (15.0,)),
     *_kinds("aim_{by:g}", turned_mount, "The array is turned by {by:g} deg on its mount.",
             "Align the array on its mount, or calibrate after each time that it was taken off.",

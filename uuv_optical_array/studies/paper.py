@@ -275,7 +275,6 @@ def draw(figures: Mapping[str, Any], scene_name: str) -> Any:
 
 
 def _draw_statements(axes: Any, panel: str, motion: Motion) -> None:
-    """Mark the paper's statements about a panel."""
     if panel == "4a":
         axes.axvspan(FAR[0], FAR[-1], color="0.9", zorder=0, label="curved\n2 deg better")
         return

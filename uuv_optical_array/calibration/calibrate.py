@@ -54,7 +54,7 @@ class Calibration:
     """The result of a calibration of m images of n readings."""
 
     scene: Scene  # the starting scene with the fitted values, and their errors in its prior
-    # Of `parameters.Layout` that the scene has; the reference reading by them; fitted noise.
+    # What the scene has of `parameters.Layout`; the reference reading by it; the noise, if fitted.
     parameters: tuple[FittedParameter, ...]
     gains: Array  # geometric mean 1, (side, side)
     gain_std: Array  # nan where one was held, (side, side)

@@ -77,7 +77,7 @@ def within(scene: Scene, ranges_m: ArrayLike) -> NDArray[np.bool_]:
 def reach(scene: Scene) -> tuple[float, float] | None:
     """Return the nearest and farthest range, m, where the bound of an aligned pose is as specified.
 
-    They are about the lamp's reference range, within `REACH_M`; None where the bound is larger.
+    They are about the lamp's reference range, within `REACH_M`; None where even that is beyond.
     """
     own = int(np.abs(REACH_M - scene.lamp.reference_range_m).argmin())
     beyond = np.flatnonzero(~within(scene, REACH_M))

@@ -3,8 +3,8 @@
 Ctrl-C during an import ends the process at once: an exception there can pass for a missing module,
 and otherwise prints the stack of the import. A node without ROS says what to install.
 
-BLAS gets one thread (`ENVIRONMENT`), unless the user says otherwise: with matrices as small as
-those of an image its threads mostly wait for each other, and for the processors of other nodes.
+BLAS gets one thread, unless the user says otherwise: with matrices as small as those of an image
+its threads mostly wait for each other, and for the processors of other nodes.
 """
 
 import os
@@ -16,8 +16,7 @@ from types import FrameType
 from typing import Any
 
 INTERRUPTED = 130  # exit code of a command after Ctrl-C
-# Of every program, where it names nothing else; BLAS reads it when NumPy is imported.
-ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}  # which BLAS reads when NumPy is imported
 
 
 def _program(

@@ -24,8 +24,7 @@ class Agreement:
     def inflation(self) -> float:
         """Return the mean square of the images' mean residuals and tilts; 1 if independent.
 
-        Each lamp has an image. Its tilts are its residuals' moments about the middle column and the
-        middle row.
+        Each lamp has an image; tilts are first moments about its middle column and middle row.
         """
         across, down = np.meshgrid(*[np.arange(self.side) - (self.side - 1) / 2] * 2)
         modes = np.array([np.ones(self.side**2), across.ravel(), down.ravel()])

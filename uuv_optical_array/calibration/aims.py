@@ -1,7 +1,6 @@
-"""Where lamp and array appear that do not point exactly as their frames say.
+"""The pose from where lamp and array, if they pointed exactly, would give the same light.
 
-The light is that of a lamp and an array that point exactly, at another pose. Finite turns and their
-slopes, where `geometry.turned_about_lamp` and `geometry.turned_on_mount` are small ones.
+Turns are finite, where `geometry.turned_about_lamp` and `geometry.turned_on_mount` are small.
 """
 
 import numpy as np
@@ -21,12 +20,12 @@ TURN = 5  # about the beacon's x, beside the pose
 
 
 def appearing(poses: Array, rolls: Array, aims: Array, bow_m: float) -> tuple[Array, Array, Array]:
-    """Return the poses and rolls of which lamp and array would give the same light if they aimed.
+    """Return the poses and rolls at which lamp and array would give this light if they aimed.
 
-    The aims are pitch and yaw of the lamp in ``beacon`` and of the array on its mount, rad, which
-    turns `bow_m` ahead of ``base_link``. Returned slopes, shape ``(m, 6, 10)``, lead from those of
-    the light by the former poses, and by a turn of the follower about the beacon's x, to those by
-    the given poses, by their rolls and by the aims. The follower's bow is not abeam.
+    The aims are pitch and yaw, rad, of the lamp in ``beacon`` and of the array on its mount, which
+    is `bow_m` ahead of ``base_link``. Slopes ``(m, 6, 10)`` lead from those of the light by the
+    returned poses and a turn of the follower about the beacon's x to those by the given poses,
+    rolls and aims. The follower's bow is not abeam.
     """
     lamp, mount = rotation_matrix(*aims[:2]), rotation_matrix(*aims[2:])
     body, ahead = rotation_matrix(poses[:, PITCH], poses[:, YAW], rolls), np.array([bow_m, 0, 0])

@@ -1,7 +1,6 @@
-"""A scene fitted to images at known poses by maximum likelihood.
+"""A scene fitted to images at known poses by maximum likelihood; see docs/tutorials/calibration.md.
 
-Parameters that the images do not determine keep their values and are named. Usage:
-docs/tutorials/calibration.md.
+Parameters that the images do not determine keep their values and are named.
 """
 
 import dataclasses
@@ -55,8 +54,7 @@ class Calibration:
     """The result of a calibration of m images of n readings."""
 
     scene: Scene  # the starting scene with the fitted values, and their errors in its prior
-    # What `parameters.Layout` names and the scene has; the reference reading, which follows from
-    # them; the noise, where it was fitted.
+    # What the scene has of `parameters.Layout`; the reference reading by it; the noise, if fitted.
     parameters: tuple[FittedParameter, ...]
     gains: Array  # geometric mean 1, (side, side)
     gain_std: Array  # nan where one was held, (side, side)
@@ -64,8 +62,7 @@ class Calibration:
     residuals: Array  # of every reading, standard deviations, (m, n)
     used: NDArray[np.bool_]  # readings that were fitted: no outliers, not faulty, (m, n)
     uncensored: NDArray[np.bool_]  # used readings that are far from both limits, (m, n)
-    # Mean squared residual of these, 1 where the model explains the data; where it exceeds
-    # `notes.MISFIT`, the standard errors are multiplied by its root.
+    # Mean squared residual of these, 1 if explained; above `notes.MISFIT` errors grow by its root.
     misfit: float
     outliers: int  # single readings that were left out
     outlying_images: tuple[int, ...]  # that were left out
@@ -86,11 +83,9 @@ def calibrate(
 ) -> Calibration:
     """Fit lamps, water, array, aims and background to images at known poses.
 
-    - scene: where the fit starts; array, noise and every effect that is not fitted are taken as
-      given.
+    - scene: where the fit starts; array, noise and effects that are not fitted stay as they are.
     - images: counts, finite, shape ``(m, L side, side)``, m >= 1.
-    - poses, rolls: of the follower in ``beacon``, m and rad, shape ``(m, 5)`` and broadcast to
-      ``(m,)``.
+    - poses, rolls: of the follower in ``beacon``, m and rad, ``(m, 5)`` and broadcast to ``(m,)``.
     - hold: parameters that keep the values of the scene: of `parameters.Layout`, or ``gains``.
     - pose_std: standard deviation of each pose, m and rad, shape ``(5,)`` or ``(m, 5)``, > 0;
       ``None``: exact. To several lamps, which show it, the roll is known as well as the pitch.
@@ -98,10 +93,9 @@ def calibrate(
     - on_step: called at every step, to show progress.
     - places: of each image, a whole number from 0 on, shape ``(m,)``: the images of a place share
       the error of its pose. ``None``: those of the images are independent.
-    - returned: the most probable values, and how well they are known.
-    - ValueError: for images, poses or their errors that are not finite or of a wrong shape, an
-      unknown name in `hold`, a noise to fit that the scene does not have, no reading that can be
-      used, or results out of the bounds of a scene.
+    - ValueError: for images, poses or errors that are not finite or of a wrong shape, an unknown
+      name in `hold`, a noise to fit that the scene lacks, no usable reading, or results out of the
+      bounds of a scene.
     """
     side = scene.array.detectors_per_side
     rows = scene.lamp_count * side
@@ -161,7 +155,6 @@ def calibrate(
 def _result(
     scene: Scene, fit: CalibrationFit, noise: tuple[FittedParameter, ...], reason: str
 ) -> Calibration:
-    """Return the calibration of a fit, refused where there is a reason."""
     likelihood, held = fit.likelihood, fit.held()
     layout, first = likelihood.layout, likelihood.layout.gains
     if POWER in fit.unknown and not reason:
@@ -253,7 +246,6 @@ def _reference(scene: Scene, fit: CalibrationFit, values: Array) -> tuple[float,
 def _calibrated_scene(
     scene: Scene, fit: CalibrationFit, values: Array, reference: float, errors: Array
 ) -> Scene:
-    """Return the scene with the fitted values, and their standard errors as its prior."""
     settings, layout = scene.settings(), fit.likelihood.layout
     lamp, effects = settings["lamp"], settings["effects"]
     # Far more digits than are known, and few enough to read.

@@ -1,7 +1,4 @@
-"""The fit of a calibration: damped Gauss-Newton steps with bounds.
-
-Outliers are left out, and undetermined parameters are held.
-"""
+"""The fit of a calibration: bounded Gauss-Newton steps, outliers out, undetermined ones held."""
 
 import itertools
 from collections.abc import Callable, Collection
@@ -112,8 +109,8 @@ class CalibrationFit:
         released = False
         for rounds in itertools.count():
             self._fit()
-            # Without the misfit, which is large while a parameter is held at a wrong value. What is
-            # known at one place and not at another stays held in the end.
+            # Without the misfit, which a parameter that is held at a wrong value makes large. What
+            # is determined in some rounds only stays held in the end.
             before = self.unknown
             self.unknown = self._undetermined(keep=before if rounds >= FREE_ROUNDS else ())
             if self.unknown == before:
@@ -152,8 +149,7 @@ class CalibrationFit:
     def covariance(self, misfit: float) -> Array:
         """Return the covariance of the parameters, shape ``(p, p)``.
 
-        It is the inverse information times the misfit, plus the effect of the errors of those
-        parameters that are held because the images do not determine them.
+        It is the inverse information times the misfit, and the effect of the unknown parameters.
         """
         layout, information = self._layout, self.state.information
         own = covariance(layout, information, self.held())
@@ -168,7 +164,6 @@ class CalibrationFit:
         return unknown
 
     def _refined(self, at: Unknowns) -> CalibrationState:
-        """Return the state of the largest likelihood nearby."""
         problem = CalibrationProblem(self.likelihood, self.held(), self._on_step)
         state: CalibrationState = refine(problem, at)
         return state

@@ -32,8 +32,7 @@ def held_shifts(
 ) -> Array:
     """Return how far the fitted parameters move with each of the q unknown ones, ``(p, q)``.
 
-    The most probable values follow a parameter that is held though unknown linearly. Its standard
-    deviation is the largest of its kind; that of a gain is the one of a rig as bought.
+    Each moves by its standard deviation: the largest of its kind, or of a gain that as bought.
     """
     held: NDArray[np.intp] = np.array(sorted(unknown), dtype=np.intp)
     shifts = -covariances @ information[:, held]
@@ -52,8 +51,7 @@ def undetermined(
     """Return the parameters to hold so that the images determine all others, and correlated ones.
 
     Those `given` are held anyway, those to `keep` are among the result; `misfit` is a factor of the
-    variances. A correlated parameter is determined only while another, the value, is held, or it is
-    held with it.
+    variances. A correlated one is held with another, its value, or determined only while that is.
     """
     correlated: dict[int, int] = {}
     unknown, kinds, largest = set(keep), layout.kinds, layout.largest

@@ -1,10 +1,9 @@
 """The likelihood of images at known poses as a function of the parameters of a calibration.
 
-A reading's mean is ``g L``, with the gain g of its detector and the light L of the scene's forward
-model. Where the poses have errors, each place has shifts of its own, which all images of it share:
-five, and with several lamps, which show it, that of the roll. They are eliminated by the Schur
-complement, as in bundle adjustment (Triggs et al. 2000), so that the work grows linearly with the
-number of images. The places of several lamps were measured, too, with a tape.
+A reading's mean is the gain of its detector times the light of the scene's forward model. Where
+poses have errors, all images of a place share its shifts: five, and with several lamps, which show
+it, that of the roll. The Schur complement eliminates them, as in bundle adjustment (Triggs et al.
+2000): the work grows linearly with the images. Places of several lamps were measured with a tape.
 """
 
 from operator import attrgetter
@@ -49,10 +48,7 @@ class CalibrationState(NamedTuple):
 
 
 class CalibrationLikelihood:
-    """The likelihood of m images of n readings, of as many detectors for each lamp.
-
-    Scene, images, poses, rolls, pose_std and places are as of `calibrate`, the last from 0 on.
-    """
+    """The likelihood of m images of n readings; arguments as of `calibrate`, places from 0 on."""
 
     def __init__(
         self,
@@ -140,10 +136,9 @@ class CalibrationLikelihood:
         return Unknowns(parameters, np.zeros((self.places.max() + 1, self._shifts)))
 
     def light(self, parameters: Array, poses: Array, rolls: Array) -> tuple[Array, Array]:
-        """Return the light before the gains, and its slopes.
+        """Return the light before the gains, ``(m, n)``, and its slopes, ``(m, n, 6 + gains)``.
 
-        These are by pose and roll (6) and the parameters before the gains, shapes ``(m, n)`` and
-        ``(m, n, 6 + gains)``.
+        These are by pose and roll (6), and by the parameters before the gains.
         """
         names, turned = self.layout.names, {ROLL: np.zeros(len(poses))} if self.scene.lamps else {}
         sigma_deg = float(np.exp(parameters[SIGMA]))
@@ -246,11 +241,7 @@ class CalibrationLikelihood:
     def _shift_equations(
         self, slopes: Array, own: Array, score: Array, weight: Array
     ) -> tuple[Array, Array, Array]:
-        """Return the normal equations of the s shifts of m poses.
-
-        They are the information of the shifts, ``(m, s, s)``, that of parameters with shifts, ``(m,
-        p, s)``, and the gradient by the shifts, ``(m, s)``.
-        """
+        """Return the shifts' information, theirs with the parameters, and the score, by image."""
         by_pose, lamp = slopes[..., : self._shifts], slopes[..., POSE:]
         weighted = by_pose * weight[..., None]
         by_gain = np.stack([self._by_detector(each) for each in own[..., None] * weighted])

@@ -106,7 +106,6 @@ def notes_of(scene: Scene, fit: CalibrationFit) -> tuple[str, ...]:
 
 
 def _aim(fit: CalibrationFit) -> list[str]:
-    """Say how far lamp and array are turned off their frames, where that is known."""
     notes, values = [], fit.state.at.parameters
     errors = np.sqrt(np.diag(fit.covariance(max(1.0, fit.agreement.misfit))))
     certain = np.abs(values) > np.maximum(LEAST_AIM, SURE * errors)
@@ -141,7 +140,6 @@ def _dead_detectors(fit: CalibrationFit) -> list[str]:
 
 
 def _undetermined(fit: CalibrationFit) -> list[str]:
-    """Name what the images do not determine."""
     layout, side = fit.likelihood.layout, fit.likelihood.scene.array.detectors_per_side
     names, first = layout.names, layout.gains
     notes, kinds = [], layout.kinds[:first]
@@ -173,7 +171,6 @@ def _correlated(fit: CalibrationFit) -> tuple[bool, bool]:
 
 
 def _residuals(scene: Scene, fit: CalibrationFit) -> list[str]:
-    """Say what the residuals indicate."""
     agreement, notes = fit.agreement, []
     misfit = agreement.misfit
     outliers = 1 - fit.likelihood.used[:, fit.likelihood.works].mean()

@@ -1,13 +1,11 @@
 """What a calibration fits: the parameters of a scene in their order, their bounds, gauge and prior.
 
-First what is common to all lamps: the logarithm of their power, that of the beam's standard
-deviation, what dims the light with the range (K, or the absorption of a sea), the logarithm of the
-scattering, the power of the detectors' cosine, the logarithm of the sphere's radius, pitch and yaw
-of the lamp on the leader and of the array on its mount, and the background; then what is each of
-several lamps' own: the logarithm of its power, its place, pitch and yaw; and the logarithm of each
-detector's gain. Powers and mean gain are one product, so the geometric means of the gains and of
-the lamps' own powers stay as they were: the gauge. What a scene does not have is held, and so is
-the aim of several lamps, which turns all axes and places.
+First what all lamps share: power, width of the beam, attenuation (K, or the absorption of a sea),
+scattering, power of the detectors' cosine, radius of the sphere, pitch and yaw of the lamp on the
+leader and of the array on its mount, and background; then power, place, pitch and yaw of each of
+several lamps; and the gain of each detector. `KINDS` says which are logarithms. Powers and mean
+gain are one product, so the geometric means of gains and of lamps' own powers stay: the gauge. What
+a scene lacks is held, and so is the aim of several lamps, which turns all axes and places.
 """
 
 from collections.abc import Collection
@@ -137,9 +135,8 @@ class Layout:
     ) -> dict[str, Any]:
         """Return standard errors as keys of `PriorSettings`, within their bounds.
 
-        What was held keeps the prior of the starting scene. So does what is `unknown`, or it gets
-        that of a rig as bought where the start is exact. A scene takes lamp and array to point
-        along their frames, so how far they do not stays uncertain.
+        What was held or is `unknown` keeps the prior of the start; what is unknown gets that of a
+        rig as bought where the start is exact. A scene has no aims, so these stay uncertain.
         """
         hints = get_type_hints(PriorSettings, include_extras=True)
         prior: dict[str, Any] = {"known": "calibrated"}

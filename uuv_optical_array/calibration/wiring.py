@@ -1,9 +1,8 @@
 """Which reading of an image belongs to which detector, measured with a torch.
 
-A torch is moved close to the array, from port to starboard and then from top to bottom. Each
-reading is brightest when the torch passes its detector, whatever the detector's gain and the other
-coordinate of the torch: the order of these moments is that of columns, and then of rows. This finds
-any permutation, such as that of a mirrored, turned or transposed array.
+A torch is moved close to the array, from port to starboard and then from top to bottom. A reading
+is brightest when the torch passes its detector, whatever the gain and the torch's other coordinate:
+the order of these moments is that of columns, and then of rows, which finds any permutation.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,9 +31,8 @@ DONE = "both sweeps are complete"
 class TorchSweeps:
     """Takes the images of an array one by one until both sweeps are complete.
 
-    The array has `side` rows of as many detectors, whose largest reading is full scale. Where the
-    images are those of several lamps, the torch is looked for in their sum. `show` is called with a
-    sentence that says what to do next.
+    The array has `side` rows of as many detectors. The torch is looked for in the sum of several
+    lamps' images. `show` is called with a sentence that says what to do next.
     """
 
     first_dark_s = DARK_S

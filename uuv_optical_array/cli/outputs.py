@@ -54,8 +54,7 @@ def finish(
 def file_to_write(path: str | Path, option: str, suffixes: Sequence[str] = ()) -> Path:
     """Return the path, given by an option, of a file that can be written.
 
-    OptionError for a suffix that is not one of `suffixes` (empty: any), a path that is no file, and
-    a folder that is missing or cannot be written.
+    OptionError for another suffix than `suffixes` (empty: any), no file, or an unwritable folder.
     """
     path = files.user_path(path)
     if suffixes and path.suffix.lower() not in suffixes:
@@ -87,7 +86,6 @@ def folder_to_write(path: str | Path, option: str, new: bool = False) -> Path:
 
 
 def _check_writable(folder: Path, path: Path, option: str) -> None:
-    """Raise OptionError where nothing can be written in a folder."""
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(b"\n")

@@ -47,8 +47,8 @@ def build_parser() -> argparse.ArgumentParser:
 def main(words: list[str] | None = None) -> None:
     """Run ``uuv_array``.
 
-    An error ends it with one line: with exit code 2 for a command line that cannot be used, one
-    that names what is not there included, and with 1 for what fails at run time.
+    An error is one line, with exit code 2 for an unusable command line, also one that names what is
+    not there, and 1 for what fails at run time.
     """
     words = sys.argv[1:] if words is None else words
     if words and words[0] in STUDIES:

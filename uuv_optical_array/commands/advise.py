@@ -1,9 +1,8 @@
 """``uuv_array advise``: name the cheapest setting that meets a rate and an accuracy.
 
-Name the cheapest setting that meets a rate and an accuracy: array, size of the table, and method of
-the estimator. Cheapest is fewest detectors, then the smallest table, then the least time. A rate is
-met if the 99th percentile of a frame's time fits its period, an accuracy if the RMS errors of
-random poses 4 to 8 m behind the lamp do, and 99 % of frames must get a pose.
+Choose array, size of the table and method of the estimator: fewest detectors, then the smallest
+table, then the least time. A rate is met if the 99th percentile of a frame's time fits its period,
+an accuracy by RMS errors of random poses 4 to 8 m behind the lamp; 99 % of frames must get a pose.
 
 It reads the measurements of `uuv_array study tradeoff` in this scene on this machine, from
 SCENE.tradeoff here or the folder that --output names. If there are none it makes those of the quick

@@ -1,15 +1,13 @@
 """``uuv_array budget``: from lamp, water, photodiode and amplifier to counts, noise and reach.
 
-The link budget of an instrument: from the lamp's watts and the data sheets of photodiode, amplifier
-and converter to the counts, the noise and the reach of a scene, whose light and noise are those of
-every other command. It prints the keys to write into a scene file, the risk group of the lamp, and
-what errors of building cost. With --reach it finds the watts instead.
+From the lamp's watts and the data sheets of photodiode, amplifier and converter to the counts, the
+noise and the reach of a scene, by the light and noise of every other command. It prints the keys of
+a scene file, the lamp's risk group, and what errors of building cost. --reach finds the watts.
 
   uuv_array budget                                     the instrument of the guide
   uuv_array budget --scene harbour --lamp-w 2          in another water, with a brighter lamp
   uuv_array budget --reach 8                           the least watts that reach 8 m
   uuv_array budget --daylight-w-per-m2 1 --filter 0.7  by day, behind a filter
-
 The reach is where the Cramer-Rao bound of one image keeps within the specification of Eren et al.
 (2016), 0.2 m and 10 deg, as `uuv_array limits` has it, with the scene's prior.
 """

@@ -1,13 +1,12 @@
 """``uuv_array calibrate``: fit lamp, water, background and gains to a recorded bag.
 
-Fit the lamp (power and width of the beam; of several lamps the power, place and axis of each), the
-water (absorption and scattering, or K), the array (response, radius of the sphere, each detector's
-gain), the aim of lamp and array, and the background, which demodulation removes, to a recorded bag
-whose poses are known from both odometries, or from a table of places measured on a rail, and write
-the resulting scene. Each value is printed with its standard error. What the bag does not determine
-keeps its value and is named, with what to record for it. Power and mean gain are one product, so
-the geometric mean of the gains is 1; that of several lamps' powers stays. Where the residuals show
-that the model is wrong, no scene is written; the exit code is 1.
+Fit lamp (power and beam width; of several lamps the power, place and axis of each), water
+(absorption and scattering, or K), array (response, radius of the sphere, gains), aim of lamp and
+array, and background, which demodulation removes, to a recorded bag, and write the scene. Poses are
+known from both odometries, or from a table of places measured on a rail. Each value is printed with
+its standard error. What is not determined keeps its value and is named, with what to record for it.
+Power and mean gain are one product, so the geometric mean of the gains is 1; that of several lamps'
+powers stays. Where residuals show that the model is wrong, no scene is written; the exit code is 1.
 
   ros2 bag record -o sea /array/image /leader/odometry /follower/odometry
   uuv_array calibrate sea --scene follow -o sea.yaml --picture residuals.png

@@ -1,14 +1,12 @@
 """``uuv_array commission``: find an array's wiring with a torch, and test it with the lamp.
 
-Find which reading of the image is which detector, and write it into the scene as array.wiring, by
-which every node reorders each image that it receives. Move a torch in front of the array, as the
+Find which reading is which detector, and write it into the scene as array.wiring, in place of any
+that is there; every node reorders its images by it. Move a torch in front of the array, as the
 command tells you: from port to starboard, then from top to bottom. It finds any wiring, mirrored,
-turned or scrambled. A mirrored array gives false poses that no software can detect. An
-array.wiring that the scene has is ignored and replaced. An array that demodulates sees no torch:
-move one of the lamps in its place. With --lamp it goes on to the acceptance test before the first
-dive: the lamp shines at a known range, or all lamps do, and each detector and the whole pass or
-fail, by their noise, their level in the dark and their light, with what to do about it; the exit
-code is 1 where something fails.
+turned or scrambled; a mirrored array gives false poses that no software can detect. An array that
+demodulates sees no torch: move one of the lamps in its place. --lamp adds the acceptance test
+before the first dive, with the lamp, or all lamps, at a known range: detectors and the whole pass
+or fail by noise, level in the dark and light, with what to do; the exit code is 1 if any fails.
 
   uuv_array commission --scene sea.yaml -o sea.yaml     listens to array/image
   uuv_array commission --topic /bow/array/image         another topic

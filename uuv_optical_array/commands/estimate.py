@@ -1,18 +1,16 @@
 """``uuv_array estimate``: estimate the poses of a recorded bag.
 
-Estimate every image of a recorded bag as feature and estimator node would, with any scene and
-method, on all cores (`taskset` allows fewer). Writes a folder: frames.csv (a line for each image),
-bag (MCAP, with relative_pose), relative_pose.tum and, where the bag has both odometries, truth.tum.
-With --track the frames are also filtered, in their order and with the follower's commands if the
-bag has any (relative_odometry). The roll is assumed to be 0. A folder without metadata.yaml is read
-by its files, and a truncated MCAP file as far as it is whole.
+Estimate every image as feature and estimator node would, with any scene and method and a roll of
+0, on all cores (`taskset` allows fewer). Writes a folder: frames.csv (a line for each image), bag
+(MCAP, with relative_pose), relative_pose.tum and, where the bag has both odometries, truth.tum.
+--track also filters the frames in their order, with the follower's commands if the bag has any
+(relative_odometry). It reads a folder without metadata.yaml, and whole messages of truncated MCAP.
 
   uuv_array estimate sea                                by the default scene, into sea_estimates
   uuv_array estimate sea --scene sea.yaml -o again      by another scene
   uuv_array estimate sea --method sam --track           by another method, and filtered
   evo_ape tum sea_estimates/truth.tum sea_estimates/relative_pose.tum
-Ctrl-C ends it early and writes what there is. Needs rosbags and mcap (pip install
-rosbags mcap), but no ROS.
+Ctrl-C writes what there is. Needs rosbags and mcap (pip install rosbags mcap), but no ROS.
 """
 
 import argparse

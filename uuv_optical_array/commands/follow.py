@@ -5,8 +5,7 @@ runs straight, turns, and changes depth, and the follower keeps station behind i
 the leader's lamp alone. Simulator, feature, estimator, formation and vehicles node run in this one
 process, on real ROS 2 topics, with the parameters of follow.launch.py. At the end a summary is
 printed and a picture is written. Several followers swim in a V, each with nodes of its own in a
-namespace, as in formation.launch.py, by default in the scene formation; the exit code is also 1
-when two vehicles came too near to each other.
+namespace, as in formation.launch.py, by default in the scene formation.
 
   uuv_array follow                          60 s of the default scene
   uuv_array follow --seed 1                 with the same noise each time
@@ -14,8 +13,8 @@ when two vehicles came too near to each other.
   uuv_array follow --record run             a bag for uuv_array estimate; needs the extra `bags`
   uuv_array follow --followers 3            a V; the third follower is lit by the first
 Ctrl-C ends the run early and reports what there is, with exit code 130. While it runs,
-`ros2 topic echo /relative_pose` shows the estimates. The exit code is 1 when a follower lost its
-leader, and when another run is on the network; ROS_DOMAIN_ID=7 uuv_array follow runs beside it.
+`ros2 topic echo /relative_pose` shows the estimates. Exit code 1: a follower lost its leader, two
+vehicles came too near, or another run is on the network (ROS_DOMAIN_ID=7 runs one beside it).
 """
 
 import argparse

@@ -9,7 +9,6 @@ such as the lamp's power, is estimated along with the pose and raises the bound.
   uuv_array limits --pose -8 0.5 0 0 10      8 m behind and 0.5 m to port, bow 10 deg to port
   uuv_array limits --shape planar            the same scene with a planar array
   uuv_array limits --scene sea.yaml --output sea.png
-
 A large condition number means that the image determines one combination of metres and radians far
 better than another: the planar array can hardly tell a lateral offset from a turn. An angle whose
 bound exceeds 180 deg is unknown. Averaging n independent images divides a bound by sqrt(n).
@@ -78,8 +77,7 @@ def within(scene: Scene, ranges_m: ArrayLike) -> NDArray[np.bool_]:
 def reach(scene: Scene) -> tuple[float, float] | None:
     """Return the nearest and farthest range, m, where the bound of an aligned pose is as specified.
 
-    They are about the lamp's reference range, within `REACH_M` and to its step; None where the
-    bound is larger even there. What the scene's prior leaves uncertain counts as unknown.
+    They are about the lamp's reference range, within `REACH_M`; None where even that is beyond.
     """
     own = int(np.abs(REACH_M - scene.lamp.reference_range_m).argmin())
     beyond = np.flatnonzero(~within(scene, REACH_M))

@@ -48,7 +48,6 @@ def sheet_poses() -> Array:
 
 
 def _draw_images(figure: Any, images: Array) -> None:
-    """Draw an image for each pose of the sheet."""
     grid = figure.subplots(len(RANGES_M), len(COLUMNS))
     for range_m, row, axes_row in zip(RANGES_M, images, grid, strict=True):
         # Each row has a scale of its own, so that background light does not hide the pattern.

@@ -1,10 +1,9 @@
 """``uuv_array table``: write the signature table of a scene.
 
-Write the signature table of a scene: the five key parameters of every pose on the grid that the
-scene's `table` names, free of noise. Estimators build the table of their scene in memory, which
-takes a second for the default scene. Write a table whose grid is so fine that this takes too long,
-and name its folder in the parameter `table` of estimator_node, which refuses it where it is
-damaged or of another scene.
+Write the five key parameters, free of noise, of every pose on the grid that the scene's `table`
+names. Estimators build this in memory, which takes a second for the default scene. Write a table
+whose grid is too fine for that, and name its folder in the parameter `table` of estimator_node,
+which refuses it where it is damaged or of another scene.
 
 The table is a Zarr array, which Dask fills block by block, on threads of this machine or on a
 cluster; this needs the extra `cluster`. The same command goes on after an interruption.

@@ -2,10 +2,9 @@
 
 Serve a page that shows leader, follower, beam and array in 3-D, the true and the estimated pose
 with its three sigma, the array's image, the light, and the errors over time. Without a bag a
-follower follows a leader in a simulation, in real time; sliders change the sea, the lamp and the
-station while it runs, and the estimator is not told. With a bag, its images are estimated as by
-`uuv_array estimate --track`, and a time line moves through them. view_node serves such a page for
-live ROS topics.
+follower follows a leader in a simulation, in real time; sliders change sea, lamp and station, and
+the estimator is not told. With a bag, its images are estimated as by `uuv_array estimate --track`,
+and a time line moves through them. view_node serves such a page for live ROS topics.
 
   uuv_array view                            open the address that it prints
   uuv_array view --scene night_plume        in another sea

@@ -16,7 +16,6 @@ MOMENTS = 6
 
 
 def _draw_paths(figure: Any, records: Sequence[FollowRecord], moments: list[float]) -> None:
-    """Draw the paths of all vehicles from above and from the side."""
     paths = [records[0].leader_path, *(record.follower_path for record in records)]
     stamps = np.array([t for t in moments if all(min(p) <= t <= max(p) for p in paths)])
     above, side = figure.subplots(1, 2)
@@ -46,7 +45,6 @@ def _draw_paths(figure: Any, records: Sequence[FollowRecord], moments: list[floa
 
 
 def _draw_errors(figure: Any, records: Sequence[FollowRecord]) -> None:
-    """Draw the errors of the estimates and of the station over time."""
     for i, axes in enumerate(figure.subplots(1, 5)):
         wanted, within = SPECIFICATION[i], "within the specification of Eren et al. (2016)"
         axes.axhspan(-wanted, wanted, color=SPECIFIED, alpha=0.2, lw=0, label=within)
@@ -70,7 +68,6 @@ def _draw_errors(figure: Any, records: Sequence[FollowRecord]) -> None:
 
 
 def _draw_images(figure: Any, record: FollowRecord, moments: list[float]) -> None:
-    """Draw what the array reads at some moments."""
     grid = figure.subplots(1, MOMENTS)
     brightest = max(float(record.images[moment].max()) for moment in moments)
     for moment, axes in zip(moments, grid, strict=False):

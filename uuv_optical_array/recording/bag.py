@@ -33,12 +33,11 @@ def message_types() -> Any:
 
 @contextmanager
 def opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
-    """Open a bag; whatever is wrong with it becomes an error of one line.
+    """Open the folder of a rosbag2, or one of its ``.mcap`` or ``.db3`` files.
 
-    Yields a ``rosbags.highlevel.AnyReader``, and what is missing, a line each. The path is the
-    folder of a rosbag2, or one of its ``.mcap`` or ``.db3`` files. A folder without
-    ``metadata.yaml`` is read file by file. Of a truncated MCAP file all whole messages are read.
-    ValueError where it is no bag, or a damaged one; FileNotFoundError where it does not exist.
+    Yields a ``rosbags.highlevel.AnyReader``, and what is missing, a line each. A folder without
+    ``metadata.yaml`` is read file by file, and every whole message of a truncated MCAP file.
+    FileNotFoundError where it does not exist; ValueError, of one line, where it cannot be read.
     """
     reading = needs("bags", "rosbags.highlevel.anyreader")
     if not path.exists():
@@ -58,7 +57,6 @@ def opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
 
 
 def _parts(path: Path) -> list[Path]:
-    """Return the files of a bag."""
     if path.is_file():
         return [path]
     return sorted(part for part in path.iterdir() if part.suffix in (MCAP, SQLITE))
@@ -80,10 +78,7 @@ def _readable(path: Path, scratch: Path) -> tuple[list[Path], list[str]]:
 
 
 class BagWriter:
-    """A bag that is written message by message: a new folder with one MCAP file.
-
-    ValueError where the folder exists, or the extra ``bags`` is not installed.
-    """
+    """A new bag of one MCAP file; ValueError if it exists or ``bags`` is not installed."""
 
     def __init__(self, path: Path) -> None:
         rosbag2 = needs("bags", "rosbags.rosbag2")

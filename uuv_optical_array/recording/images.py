@@ -40,8 +40,7 @@ class Recording:
     rolls: Array  # likewise, (m,)
     stamps_ns: NDArray[np.int64]  # of the images, (m,)
     refused: Counter[str] = field(default_factory=Counter)  # messages, by topic and reason
-    # To the follower, by ascending stamp: ns, and linear and angular velocity in its own frame, m/s
-    # and rad/s, (3,) each.
+    # To the follower, ascending: stamp, ns, linear and angular body velocity, m/s and rad/s, (3,).
     commands: list[tuple[int, Array, Array]] = field(default_factory=list)
 
     @property
@@ -91,7 +90,6 @@ class _Stream:
 
 
 def _connections(reader: Any, name: str, msgtype: str, default: str) -> list[Any]:
-    """Return the connections of a topic of the given type."""
     cure = f"name another by --remap {default}:=TOPIC"
     types = {connection.topic: connection.msgtype for connection in reader.connections}
     if name not in types:
@@ -113,19 +111,17 @@ def read_recording(
     poses_needed: bool = True,
     lamps: int = 1,
 ) -> Recording:
-    """Read the images of a bag and the poses that they were taken at.
+    """Read the images of a bag, and their poses from both odometries.
 
-    Both odometries are interpolated at the image's stamp, and never extrapolated. Invalid messages
-    are left out and counted.
+    These are interpolated, never extrapolated. Invalid messages are left out and counted.
 
     - path: as of `opened`.
     - array: the array that every image must be of.
     - beacon_position_m: the lamp in the leader's ``base_link``, m.
     - axes: of both odometries, see `odometry_pose`.
     - max_gap_s: longest gap in an odometry that is interpolated, s.
-    - lamps: how many it reads.
-    - poses_needed: whether images without a known pose are left out; otherwise odometries may be
-      missing.
+    - poses_needed: leave out images without a known pose; otherwise odometries may be missing.
+    - lamps: how many an image shows.
     - ValueError: for a bag that cannot be read, a topic that is missing or of another type,
       odometries in two frames, a clock that was set back, or a bag without a valid image.
     - FileNotFoundError: where there is no such bag.
@@ -184,7 +180,6 @@ def _with_poses(
     refused: Counter[str],
     poses_needed: bool,
 ) -> Recording:
-    """Return the images with their poses."""
     if len(leader.frames | follower.frames) > 1:
         raise ValueError(
             f"frames differ: {leader.topic} is in {sorted(leader.frames)}, {follower.topic} in "

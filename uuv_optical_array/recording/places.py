@@ -1,7 +1,4 @@
-"""A table of measured places: where the array was when images were taken, and how well it is known.
-
-It takes the place of both odometries, as on a rail in a tank.
-"""
+"""A table of measured places of the array, in place of both odometries, as on a rail in a tank."""
 
 import csv
 import dataclasses
@@ -24,14 +21,11 @@ NEAR_S = 0.5  # an image of a time is at most so far from it
 def with_places(recording: Recording, path: Path) -> tuple[Recording, Array, NDArray[np.intp]]:
     """Return the images of a recording that a table names, with the poses that it gives them.
 
-    With them come the standard deviations of the poses, m and rad, shape ``(m, 5)``, and the place
-    of each image, its row of the table from 0 on, shape ``(m,)``.
-
-    The table is CSV, with the columns that the help of ``uuv_array calibrate`` explains. Lines that
-    begin with # are comments.
-
-    ValueError, with the line, for a table that is none of this, and for a row without images or
-    with those of another row; OSError for a file that cannot be opened.
+    With them come the poses' standard deviations, m and rad, ``(m, 5)``, and each image's place,
+    its row of the table from 0 on, ``(m,)``. The table is CSV with the columns that the help of
+    ``uuv_array calibrate`` explains; lines that begin with # are comments. ValueError, with the
+    line, for any other table, and for a row without images or with those of another row; OSError
+    for a file that cannot be opened.
     """
     seconds = (recording.stamps_ns - recording.stamps_ns[0]) * 1e-9
     chosen: dict[int, int] = {}
@@ -91,7 +85,6 @@ def _rows(path: Path) -> list[tuple[int, dict[str, float]]]:
 
 
 def _images(row: dict[str, float], seconds: Array) -> list[int]:
-    """Return the images of a row, by number or by time."""
     if "image" in row:
         last = row.get("last_image", row["image"])
         return [i for i in range(len(seconds)) if row["image"] <= i <= last]

@@ -28,14 +28,13 @@ def replay(
     processes: int | None = None,
     commands: Sequence[tuple[int, Array, Array]] = (),
 ) -> Generator[Answer, None, None]:
-    """Yield the answer to each image in order; they are estimated one by one only for a track.
+    """Yield the answer to each image in order.
 
     - images: counts, shape ``(m, side, side)``.
     - stamps_ns: ascending, ns, shape ``(m,)``.
     - estimator: takes the roll as 0.
-    - tracking: settings of a tracker, which takes each frame and knows the constants better for the
-      next, so that one comes after the other; ``None``: no track, and images are spread over
-      processes.
+    - tracking: settings of a tracker, which learns constants from each frame, so that images are
+      estimated one by one; ``None``: no track, and images are spread over processes.
     - processes: how many at a time, >= 1; ``None``: one for each core that this process may use.
     - commands: as of a `Recording`, for the track.
     """

@@ -21,10 +21,7 @@ COLUMNS = "x_m", "y_m", "z_m", "pitch_rad", "yaw_rad"
 
 
 def write_results(folder: Path, frames: Sequence[Answer], recording: Recording) -> list[str]:
-    """Write all results of `replay.replay` into an empty folder, and return the names of the files.
-
-    The frames are those of the first images of the recording or of all; its poses are the truth.
-    """
+    """Write the results of a replay, and the true poses, into an empty folder; return the names."""
     write_csv(folder / "frames.csv", frames)
     write_bag(folder / "bag", frames)
     truth = zip(recording.stamps_ns, recording.poses, recording.rolls, strict=True)

@@ -1,7 +1,6 @@
-"""MCAP files without their end, as the recorder was killed or the disk full: their whole messages.
+"""The whole messages of MCAP files whose end is missing, as by a killed recorder or a full disk.
 
-Such a file (https://mcap.dev/spec) is a sequence of records, most of them in chunks, before a
-summary, from which readers start.
+Readers start from a summary at the end, after records mostly in chunks (https://mcap.dev/spec).
 """
 
 import struct
@@ -55,7 +54,6 @@ def copy(path: Path, target: Path) -> None:
 
 
 def _whole_records(source: BinaryIO, size: int) -> Iterator[Any]:
-    """Yield the whole records of an MCAP file, with those in chunks."""
     mcap, place = needs("bags", "mcap.stream_reader"), len(MAGIC)
     with _until_cut():
         reader = mcap.StreamReader(source, emit_chunks=True, record_size_limit=size)

@@ -3,11 +3,10 @@
 Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks
 above 20 counts, and compare the errors with the Cramer-Rao bound of one image and with the
 covariances of the estimates. --known draws seas from each of the priors exactly, calibrated and
-as_bought, and a table says how much better the bound is where one more setting of the prior is
-known. --lamps places and tilts one to four lamps as the scene's are, in a known sea, in one that is
-drawn from the prior, and in that one behind a cloud, which shades every image unevenly by 20 %; the
-estimator then holds half of the images for shaded. docs/results/accuracy.md explains every
-figure.
+as_bought, and tells how much better the bound is where one more setting is known. --lamps places
+and tilts one to four lamps as the scene's are, in a known sea, in one drawn from the prior, and in
+that one behind a cloud, which shades every image unevenly by 20 %; the estimator then holds half of
+the images for shaded. docs/results/accuracy.md explains every figure.
 
   uuv_array study accuracy                           20,000 poses of the reference scene
   uuv_array study accuracy --scene follow --json     the default scene, as one JSON object
@@ -74,7 +73,7 @@ def measure(
     """Return the `figures` of images at true poses ``(n, 5)``, m and rad, by a believed scene.
 
     The bound is that of the scene `truth`; ``None``: the believed one. Ctrl-C ends it with the
-    frames it has. A ValueError says that no frame got a pose.
+    frames it has; ValueError where none got a pose.
     """
     model = ForwardModel(truth or estimator.scene)
     bounds, frames = _bounds(model, poses), errors_of(estimator, model, poses, images)
@@ -87,9 +86,8 @@ def measure(
 def figures(frames: FrameErrors, bounds: Array) -> dict[str, Any]:
     """Return plain values, errors in m and deg, times in ms.
 
-    `bounds` are the Cramer-Rao standard deviations at the true poses, m and rad, ``(n, 5)``. Means
-    are over the frames that got a pose; ``nees_band`` is where the mean of as many chi-square(5)
-    variables lies with probability `BAND`.
+    `bounds` are Cramer-Rao standard deviations at the true poses, m and rad, ``(n, 5)``. Means are
+    over frames with a pose; that of chi-square(5) is in ``nees_band`` with probability `BAND`.
     """
     nees = frames.nees
     rms_bound = np.sqrt(np.mean(bounds[frames.posed] ** 2, axis=0))
@@ -302,7 +300,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _check_truth(args: argparse.Namespace, scene: Scene) -> None:
-    """Refuse what the scene cannot do with the truth, in one line."""
+    """Raise ValueError where options exclude each other, or the scene lacks what they need."""
     if args.known or args.lamps:
         names = "known", "lamps", "moving", "drawn"
         first, *others = [f"--{name}" for name in names if vars(args)[name]]

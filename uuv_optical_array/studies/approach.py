@@ -3,9 +3,8 @@
 Repeat the Monte Carlo of Eren et al. (Sensors 2017): a follower closes from 8.5 m to 4.5 m behind a
 lamp at 0.5 m/s and takes 41 images, in a dive and in a zigzag, in tank water and in murkier water.
 In every run temperature and attenuation are off by unknown constants. The published errors stand
-beside those of the published method built again (moments), of single images (least_squares), of
-these tracked (tracker), and of a smoother that takes lamp and water for constant (docking).
-docs/results/approach.md explains every choice.
+beside those of the published method rebuilt (moments), single images (least_squares), their track
+(tracker) and a smoother for constant lamp and water (docking); see docs/results/approach.md.
 
   uuv_array study approach                      100 runs of each case
   uuv_array study approach --runs 2000          as many as the paper
@@ -46,8 +45,7 @@ TIMES_S = STEP_S * np.arange(FRAMES)
 RANGES_M = FAR_M - SPEED_M_PER_S * TIMES_S
 TURN_RATE_DEG_PER_S = 10.0
 NOISE_COUNTS = 0.01 * 1023.0  # 1 % of full scale: uniform from 0 on
-# 2 mV of 576 mV for each degree by which the water's temperature is off.
-GAIN_PER_C = -2 / 576
+GAIN_PER_C = -2 / 576  # 2 mV of 576 mV for each degree by which the water's temperature is off
 TEMPERATURE_C, K_PER_M = 3.0, 0.015
 
 BATCH = 20
@@ -56,8 +54,7 @@ PUBLISHED = "mean_end", "start_95", "end_95"  # errors, as of a `Case`
 PRINTED = {"mean_end": "mean error at the end", "end_95": "95 % of errors at the end"}
 SEED = 1
 SIGMA_95 = 1.96
-# The aim is this many times smaller than the published errors at the end: position, angles.
-AIM = np.array([5, 5, 5, 1, 1])
+AIM = np.array([5, 5, 5, 1, 1])  # so many times smaller than the published errors at the end
 
 
 class Case(NamedTuple):
@@ -80,8 +77,7 @@ def _path(start: tuple[float, float], pitch_deg: Array, yaw_deg: Array) -> Array
     return np.column_stack([-RANGES_M, across, pitch, yaw])
 
 
-# The paper's frame has y to starboard and z down. It does not say when a zigzag turns: here once,
-# half-way.
+# The paper has y to starboard and z down, and does not say when a zigzag turns: here half-way.
 _YAW = np.clip((TIMES_S - TIMES_S[-1] / 2) * TURN_RATE_DEG_PER_S, -10.0, 10.0)
 _DIVE = _path((0.0, 0.0), np.full(FRAMES, 10.0), np.zeros(FRAMES))
 _ZIGZAG = _path((-0.2, 0.1), np.zeros(FRAMES), _YAW)
@@ -153,10 +149,7 @@ def percentile_95(errors: Array) -> Array:
 def simulate(
     scene: Scene, case: Case, runs: int, rng: Generator, batch: int = BATCH
 ) -> Iterator[Array]:
-    """Yield the errors of a case by each method, m and rad, ``(m, n, FRAMES, 5)``, n <= `batch`.
-
-    They are nan where there is no pose.
-    """
+    """Yield errors by method, m and rad, ``(m, n <= batch, FRAMES, 5)``, nan without a pose."""
     model = ForwardModel(assumed_scene(scene, case))
     moments = calibrate(model, rng)
     estimator = Estimator(model.scene, "least_squares").wait()
@@ -285,8 +278,6 @@ def draw(results: Mapping[str, ApproachErrors], about: str) -> Any:
 
 
 def _draw_panel(axes: Any, case: Case, result: ApproachErrors, dofs: list[int]) -> None:
-    """Draw the worst of some degrees of freedom."""
-
     def worst(values: Array) -> Array:
         return np.asarray((values * IN_DEGREES)[..., dofs].max(axis=-1))
 

@@ -3,9 +3,8 @@
 Sweep the array (shape, detectors, size, radius of curvature), the width of the lamp's beam and, in
 a scene with `lamps`, their number, distance from the centre and tilt. Each design is scored by the
 criteria of Eren et al. (2016), whether the signature tells 0.2 m and 10 deg apart 4 to 8 m behind
-the lamp and how many detectors that takes, and by the Cramer-Rao bound over the working volume. The
-scores go into a picture and a CSV beside it; the Pareto-optimal designs are printed. A design that
-has a score in the CSV is not scored again, so the same command resumes an interrupted sweep.
+the lamp and how many detectors that takes, and by the Cramer-Rao bound over the working volume.
+Pareto-optimal designs are printed. Scores go into a picture and a CSV, from which a sweep resumes.
 
   uuv_array study design                             the default scene, into follow.design.csv
   uuv_array study design --sweep width_m=0.3,0.4 detectors_per_side=5,7    some of it
@@ -61,7 +60,6 @@ from uuv_optical_array.studies.shared.separation import (
 # Values of settings by their names, all of `SWEPT`.
 Sweep: TypeAlias = Mapping[str, Sequence[Any]]
 
-# What a sweep has lists of.
 RING = declared(ring_of_lamps)
 SWEPT: dict[str, Setting] = {
     name: (declared(ArraySettings) | declared(LampSettings))[name]
@@ -124,8 +122,7 @@ class Design:
 def sweep_of(scene: Scene, words: Sequence[str] = ()) -> Sweep:
     """Return a sweep about a scene's own design, or of lists, each ``NAME=VALUE,VALUE``.
 
-    ValueError for an unknown name, an empty list, a value given twice or out of bounds, and where
-    no design is left.
+    ValueError for an unknown name, no value, one given twice or out of bounds, or no design left.
     """
     lists: dict[str, list[Any]] = {}
     for word in words:
@@ -183,8 +180,7 @@ def _fault(design: Design) -> str:
 def designed(scene: Scene, design: Design) -> Scene:
     """Return a scene with the array and the lamp of a design, whose lamp emits as much light.
 
-    The foremost point of the array stays where the scene's is. A ValueError says that the array
-    cannot be built, or gets no light at the reference range.
+    The array's foremost point stays. ValueError if it cannot be built, or gets no light.
     """
     bow_m = scene.array.bow_m - ((design.radius_m or 0.0) - (scene.array.radius_m or 0.0))
     side, radius_m = design.detectors_per_side, design.radius_m
@@ -212,9 +208,8 @@ def designed(scene: Scene, design: Design) -> Scene:
 class ScoredDesign(Design):
     """A design and what it is worth.
 
-    Spectral angles of a ``shift`` by 0.2 m and a ``yaw`` by 10 deg are the smaller of both signs;
-    nan where the aligned image is flat. ``sigmas`` are these over the RMS angle by which noise
-    moves the signature there.
+    Spectral angles of a ``shift`` by 0.2 m and a ``yaw`` by 10 deg are the smaller of both signs,
+    nan where the aligned image is flat; ``sigmas`` are these over the RMS angle by noise there.
     """
 
     reference_counts: float
@@ -273,7 +268,6 @@ def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
     """Score the array and lamp of a scene; the bound at `poses` ``(n, 5)``, noise from `rng`."""
     model = ForwardModel(scene)
     shape, side = scene.array.shape, scene.array.detectors_per_side
-    # Of both signs of a move the smaller angle.
     ranges_m = volume.RANGES_M
     moved_deg = np.array([
         [angles_deg(scene, Conditions(shape, side, m, motion), [by, -by]).min() for m in ranges_m]
@@ -305,10 +299,7 @@ def signature_noise_deg(model: ForwardModel, range_m: float, rng: np.random.Gene
 
 
 def bounds(model: ForwardModel, poses: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return least standard deviations at poses, m and rad, ``(n, 5)``, and where there is light.
-
-    Of an image whose pose is known to lie in the volume, and of the image alone.
-    """
+    """Return bounds ``(n, 5)``, m and rad, in a known volume, of images alone, and what is lit."""
     parts = []
     for block in _blocks(model, poses):
         bound = cramer_rao_bound(model, block)
@@ -340,8 +331,7 @@ def scored(scene: Scene, designs: Iterable[Design], poses: int) -> Iterator[Scor
 def scored_before(path: Path, origin: Mapping[str, Any]) -> list[ScoredDesign]:
     """Read the designs that a file has scores of.
 
-    ValueError where they depend on something else than the `origin`; of a scene its fingerprint
-    counts, not its name.
+    ValueError where they are of another `origin`, in which a scene's name does not count.
     """
     there, rows = read(path, ScoredDesign)
     differ = "; ".join(

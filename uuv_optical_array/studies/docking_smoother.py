@@ -1,10 +1,9 @@
 """A smoother of images for the approach to a lamp that stays where it is, such as a dock's.
 
 Lamp and water do not change during an approach, so their uncertain settings are estimated once for
-all frames; and a vehicle under way moves along its own heading, so that its path tells its
-attitude. The newest pose is the end of the most probable path through the images so far. A filter
-would keep its linearisation of the first images, taken far away where the likelihood is most
-curved; here the whole path is fitted anew with every image, by damped Gauss-Newton steps.
+all frames; and a vehicle moves along its heading, so that its path tells its attitude. The newest
+pose ends the most probable path, fitted anew with every image by damped Gauss-Newton steps: a
+filter would keep its linearisation of the first, far images, where the likelihood is most curved.
 """
 
 from typing import Any, NamedTuple
@@ -19,8 +18,7 @@ from uuv_optical_array.forward.model import ForwardModel
 # The first pose is known to be behind the lamp, no more; and speed ahead and turn rates, 5 deg/s.
 FIRST_RANGE_M = 6.0
 FIRST_STD = np.array([10.0, 5.0, 5.0, 2.0, 2.0, 1.0, *np.radians([5.0, 5.0])])
-# A state is the pose and these three. A path is the states of all frames, one after the other, and
-# then the offsets of the scene's uncertain settings.
+# A state is the pose and these; a path is all frames' states, then offsets of uncertain settings.
 SPEED, PITCH_RATE, YAW_RATE, STATE = 5, 6, 7, 8
 TINY = 1e-30
 MAX_STEPS = 12
@@ -46,8 +44,7 @@ def predict(states: Array, step_s: float) -> tuple[Array, Array]:
 class Motion:
     """The prior of a path: its first state, its steps and the offsets of the scene's settings.
 
-    Speed ahead and turn rates at the start are `FIRST_STD`; the others are random in 1 s, those of
-    a vehicle that holds its speed and does not drift, as the simulated one.
+    Walks and slip are sigmas in 1 s, those of a vehicle that holds its speed and does not drift.
     """
 
     def __init__(

@@ -23,8 +23,7 @@ from uuv_optical_array.forward.working_volume import DAY_S, lit_poses, uniform_p
 
 Draw: TypeAlias = Callable[[int, np.random.Generator], Array]
 
-# What a scene that was calibrated once leaves open, and up to so many of these standard deviations
-# poses should be answered, with true covariances.
+# What a calibrated scene leaves open, and up to how many of these sigmas poses should be answered.
 SHIPPED, WITHIN = prior.PRIORS["calibrated"], 2.0
 NARROWEST_DEG = 0.1  # that a lamp's beam can be
 # Products of Legendre polynomials over the array, by their degrees: its smooth uneven modes.
@@ -89,8 +88,7 @@ def modulated(waveform: str, turns: Array, i: int, lamps: int) -> Array:
     return 1 + sine if waveform == "sine" else np.where(sine > 0, 2.0, 0.0)
 
 
-# Light at the detectors, counts, shape (n, side, side), in the sea that differs. What a family of
-# kinds is off by is its second argument.
+# Light at the detectors, counts, shape (n, side, side), in a sea that differs `by` so much.
 
 
 def other_attenuation(sea: Sea, by: float) -> Array:
@@ -320,10 +318,7 @@ def _kinds(
     draw: Draw = uniform_poses,
     needs: str = "",
 ) -> list[Kind]:
-    """Return a kind, or one for each value of `by`, which name and sentence may contain.
-
-    `std` is the key of the prior that is about it, and `off` says how far a value is off.
-    """
+    """Return a kind, or one for each value of `by`; `off` counts it against the prior's `std`."""
     kinds = []
     for value in by or (0.0,):
         words: dict[str, Any] = {"by": value, "size": abs(value), "percent": 100 * value}
@@ -461,10 +456,7 @@ KINDS = (
 
 
 def kinds_named(names: str | None, scene: Scene) -> tuple[Kind, ...]:
-    """Choose kinds by names with commas between them, in the order of `KINDS`; None: all possible.
-
-    ValueError for an unknown one, or one that the scene cannot have.
-    """
+    """Choose `KINDS` by names between commas; None: all possible. ValueError for any other."""
     if names is None:
         return tuple(kind for kind in KINDS if not kind.missing(scene))
     known, chosen = {kind.name: kind for kind in KINDS}, [name.strip() for name in names.split(",")]

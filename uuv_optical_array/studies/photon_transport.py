@@ -1,8 +1,7 @@
 """The light of a lamp in homogeneous water from photons that were traced one by one.
 
-Water looks the same in all directions, so one pencil of light from the lamp's place was traced
-(``benchmarks/trace_photons.py``): the light of any lamp is that of its pencils, weighted by its
-intensity. What was never scattered is added in closed form.
+Water looks the same in all directions, so one pencil was traced (``benchmarks/trace_photons.py``):
+a lamp's light is that of pencils weighted by its intensity. Unscattered light has a closed form.
 """
 
 import math
@@ -114,8 +113,7 @@ class Lamp:
 class PhotonSea:
     """A scene in the water of a pencil, where its lamp gives its reference reading.
 
-    `model` reads the light. Lamp and array are the scene's, and what acts on the array, but no
-    effect between the two.
+    Lamp, array and what acts on it are the scene's, no effect between; `model` reads the light.
     """
 
     def __init__(self, scene: Scene, pencil: Pencil) -> None:

@@ -1,10 +1,9 @@
 """``uuv_array study robustness``: say what estimates are worth where the sea is not the scene.
 
 Estimate poses from images of a sea that differs from the scene, kind of mismatch by kind: another
-lamp, other water, daylight, broken detectors, shade, images of no lamp at all. The estimator
-assumes the scene. It should answer what its prior covers, with a true covariance, and refuse the
-rest; an answer off by more than six of its own standard deviations is false.
-docs/reference/mismatches.md has the kinds and what to do about each.
+lamp, other water, daylight, broken detectors, shade, no lamp at all. The estimator assumes the
+scene. It should answer what its prior covers, with a true covariance, and refuse the rest; an
+answer off by more than six of its sigmas is false. docs/reference/mismatches.md has the cures.
 
   uuv_array study robustness                               every kind, in the default scene
   uuv_array study robustness --method sam                  the paper's method
@@ -74,13 +73,11 @@ def figures(kind: Kind, frames: FrameErrors, plausible: NDArray[np.bool_]) -> di
 def log_ratio(
     model: ForwardModel, poses: Array, covariances: Array, images: Array, light: Array
 ) -> Array:
-    """Return how much more likely images are by the true light than by their answers, ``(n,)``.
+    """Return how much likelier images are by the true light than by answers, logarithms ``(n,)``.
 
-    Logarithms; `light` ``(n, side, side)`` is that of the kind of mismatch at the true pose. The
-    scene explains an image by the likeliest pose and constants that the covariance of its answer
-    and its prior leave, whose improbability counts: the squared distance of the readings from those
-    expected, where their covariance has noise, constants and pose. All is linear about the answers
-    `poses` ``(n, 5)``; inf where there is none.
+    `light` ``(n, side, side)`` is that of the mismatch at the true pose. By the scene, readings
+    vary by noise, and by the pose and constants that the answer's covariance and the prior leave
+    open, linear about the answers `poses` ``(n, 5)``; inf where there is none.
     """
     posed, ratio = ~np.isnan(poses[:, 0]), np.full(len(poses), np.inf)
     if not posed.any():

@@ -225,10 +225,9 @@ def measure_all(scene: Scene, mode: Mode) -> tuple[list[Measurement], bool]:
 def fronts(rows: Sequence[Measurement]) -> dict[str, list[Measurement]]:
     """Return the rows on each Pareto front, by ``position`` and ``angle``, the fastest first.
 
-    The costs are the median time, in forward models, and one of the two errors. The middle of the
-    volume is an estimate without any measurement, so a setting has to be better than that, and one
-    that leaves frames without a pose is on no front. Time and error are rounded to steps of 10 %.
-    Of settings that are then equal, only the one of least effort is on the front.
+    The costs are the median time, in forward models, and one of the two errors, rounded to steps of
+    10 %; of equal settings the one of least effort counts. A setting has to pose nearly all frames,
+    and be better than the middle of the volume, which is an estimate without any measurement.
     """
 
     def step(cost: float) -> float:
@@ -291,7 +290,6 @@ def draw(rows: Sequence[Measurement], about: str) -> Any:
 
 
 def _draw_panel(axes: Any, rows: Sequence[Measurement], name: str) -> None:
-    """Draw one of the errors of each setting, its front, and what it can be compared with."""
     column, title, which = ERRORS[name]
     front = fronts(rows)[name]
     for row in rows:

@@ -23,8 +23,7 @@ Answer: TypeAlias = Callable[[Array], tuple[Array, Array | float]]
 # The forward model that a frame's time is compared with: this many poses, timed every so often.
 MODEL_POSES = 4
 MODEL_EVERY = 16
-# Off by more than so many of its own standard deviations, an estimate is false.
-SIGMAS = 6.0
+SIGMAS = 6.0  # off by more of its own standard deviations, an estimate is false
 
 
 def position_and_angle(errors: Array) -> tuple[float, float]:
@@ -127,9 +126,8 @@ def frame_errors(
 ) -> FrameErrors:
     """Estimate frame after frame, as `rounds` count them.
 
-    `images` are counts, ``(n, side, side)``, at true `poses`, m and rad, ``(n, 5)``. The time of
-    the `yardstick` is taken between frames, to tell how fast the machine is just then. Ctrl-C ends
-    it with the frames that are answered; before the first it is raised.
+    `images` are counts, ``(n, side, side)``, at true `poses`, m and rad, ``(n, 5)``. Between frames
+    the `yardstick` is timed, as the machine's speed varies. Ctrl-C ends it once a frame is done.
     """
     errors, covariances = np.full((len(poses), 5), np.nan), np.full((len(poses), 5, 5), np.nan)
     frame_s: list[float] = []

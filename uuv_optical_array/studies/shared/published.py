@@ -1,16 +1,14 @@
 """The two published estimators, rebuilt from their descriptions, to stand beside ours.
 
-`LookUp` is that of the dissertation that the 2016 paper grew from (F. Eren, University of New
-Hampshire, 2015). A table of poses is searched for candidates whose peak is at the same detector as
-that of the image; of these the one of least cost ``c1 |dSk_h| + c2 |dSk_v| + c3 |dSAM|`` wins, with
-the differences in both skewnesses and in the spectral angle. The author dropped it as slow; sorted
-by the peak's detector, the table is fast enough.
+`LookUp` is that of the dissertation behind the 2016 paper (F. Eren, University of New Hampshire,
+2015). Of the poses of a table that peak at the image's detector, the one of least cost
+``c1 |dSk_h| + c2 |dSk_v| + c3 |dSAM|`` wins, with the differences in both skewnesses and in the
+spectral angle. The author dropped it as slow; sorted by the peak's detector, it is fast enough.
 
 `MomentCalibration` is the image-moments method of Eren et al. (Sensors 2017, 17(8), 1741). Range
-comes from the peak reading, pitch and yaw from ratios of image moments. Position across is measured
-in the first frame only and carried forward by dead reckoning along the vehicle's heading. Every
-coefficient comes from a calibration. The text and the equations of the paper disagree on which
-ratio is pitch. With y horizontal, M23 is odd in y, so here it gives yaw.
+comes from the peak reading, pitch and yaw from ratios of image moments, by calibrated lines.
+Position across is measured in the first frame only, then dead reckoned along the heading. The
+paper's text and equations disagree on which ratio is pitch; M23 is odd in y, so here it gives yaw.
 """
 
 import dataclasses
@@ -59,10 +57,7 @@ def _lit(image: ArrayLike, side: int) -> Array:
 
 
 class LookUp:
-    """Estimate poses by looking them up in a table of the `lookup_scene`.
-
-    ValueError for a table whose peaks lie between detectors.
-    """
+    """Look-up of poses in a table of a `lookup_scene`; ValueError for peaks between detectors."""
 
     def __init__(self, table: SignatureTable, weights: ArrayLike = WEIGHTS) -> None:
         scene = table.scene
@@ -108,9 +103,8 @@ class LookUp:
 def image_moments(images: ArrayLike, spacing_m: float) -> Array:
     """Compute ``M_pq = sum (y - y0)^(p-1) (z - z0)^(q-1) I / sum I``, p and q from 1 to 3.
 
-    M_pq is at ``[..., p - 1, q - 1]``, m^(p + q - 2), of images ``(..., side, side)`` that have
-    some light; y and z run to port and up, y0 and z0 are the peak's, between detectors by a
-    parabola through its neighbours.
+    M_pq is at ``[..., p - 1, q - 1]``, m^(p + q - 2), of lit images ``(..., side, side)``; y and z
+    run to port and up, y0 and z0 are the peak's, by a parabola through its neighbours.
     """
     images = np.asarray(images, dtype=float)
     side = images.shape[-1]
@@ -143,8 +137,7 @@ class MomentCalibration:
 
     spacing_m: float
     side: int
-    # a and b of x, y, z, m, pitch and yaw, rad; x is the negative of the paper's
-    # range, -log(peak / a1) / b1.
+    # a and b of x, y, z, m, pitch, yaw, rad; x is minus the paper's range -log(peak / a1) / b1.
     lines: Array
 
     def poses(self, images: ArrayLike) -> Array:

@@ -40,8 +40,7 @@ def _value(hint: Any, text: str) -> Any:
 def read(path: Path, kind: type[T]) -> tuple[dict[str, str], list[T]]:
     """Read a file of results: the origin that all its lines depend on, as text, and the lines.
 
-    Each line is one of a dataclass, whose fields stand behind the origin. A file that does not
-    exist has neither. A ValueError says that a line is damaged, or of another origin.
+    A file that does not exist has neither. ValueError for a line damaged or of another origin.
     """
     hints = typing.get_type_hints(kind)
     origin: dict[str, str] = {}

@@ -41,9 +41,8 @@ def paper_signature(
 ) -> Array:
     """Scale the five key parameters as the paper's figures seem to, shape ``(..., 5)``.
 
-    The peak is divided by the largest reading of the aligned array at the same range, column and
-    row, from 1 at the port and the top edge, by the detectors in a row. The text gives neither
-    divisor, and measures from the centre.
+    The peak is divided by the aligned array's at the same range, column and row, from 1 at port and
+    top edge, by the detectors in a row. The text gives neither divisor, and counts from the centre.
     """
     side = images.shape[-1]
     vectors = key_parameters(images, on_axis_counts, peak)
@@ -72,10 +71,9 @@ def angles_deg(
 ) -> Array:
     """Return spectral angles between the aligned array and the moved one, deg, ``(n,)``.
 
-    The steps ``(n,)`` are shifts to starboard in m, or turns of the bow to starboard in deg; the
-    mean over the leading axes of what is read counts. nan where the aligned image is flat, so that
-    rounding alone decides where its peak is; a ValueError says that a signature has no direction,
-    or that the scene cannot have such an array.
+    The steps ``(n,)`` are shifts, m, or turns of the bow, deg, to starboard; angles are means over
+    the leading axes of what is read, nan where the aligned image is flat, so that rounding decides
+    where it peaks. ValueError for a signature without direction, or an impossible array.
     """
     shaped = scene.array.with_shape(conditions.shape)
     array = dataclasses.replace(shaped, detectors_per_side=conditions.side, wiring=None)

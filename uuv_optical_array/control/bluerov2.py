@@ -1,15 +1,13 @@
 """The BlueROV2 Heavy: its published parameters, its thrusters, and an autopilot for ``cmd_vel``.
 
-Parameters, thrusters' places and their greatest thrust are those of von Benzon et al., An
-Open-Source Benchmark Simulator: Control of a BlueROV2 Underwater Robot, J. Mar. Sci. Eng.
-10(12):1898, 2022, table A1, in fresh water. The thrusters' lag, some 70 ms, and the tether are left
-out.
+Parameters, thrusters' places and greatest thrust are of von Benzon et al., An Open-Source Benchmark
+Simulator: Control of a BlueROV2 Underwater Robot, J. Mar. Sci. Eng. 10(12):1898, 2022, table A1, in
+fresh water. The thrusters' lag, some 70 ms, and the tether are left out.
 
 The autopilot has a gyroscope, an attitude and no velocity log. So surge, sway and heave get the
-thrust that drag and momentum ask for at the commanded velocity through the water. Roll, pitch and
-yaw are a cascade: the roll is steered to level by its rate, and the rates of all three by
-proportional and integral action on the gyroscope. Weight, buoyancy and righting moment are known
-and cancelled.
+thrust that drag and momentum ask for at the commanded velocity through the water. The roll is
+steered to level by its rate, and the rates of roll, pitch and yaw by proportional and integral
+action on the gyroscope. Weight, buoyancy and righting moment are known and cancelled.
 """
 
 import math
@@ -75,11 +73,7 @@ def saturated(wrench: Array) -> Array:
 
 
 class BlueRov2(Vehicle):
-    """A BlueROV2 Heavy that obeys a twist through the water as well as its autopilot can.
-
-    Parameters are those of `Vehicle`. The autopilot follows commands within the limits; the pitch
-    has none of its own.
-    """
+    """A `Vehicle` that obeys as well as a BlueROV2 Heavy's autopilot can, at any pitch."""
 
     limits = VehicleLimits(speed=(0.7, 0.55, 0.6, 0.25, 0.25))  # what the thrusters can hold
 
@@ -129,7 +123,6 @@ class BlueRov2(Vehicle):
         return wrench
 
     def _advance(self, thrust: Array, step_s: float) -> None:
-        """Integrate the motion over one step."""
         # The same half turn of world and body leaves the angles' size and changes their sign.
         pitch, yaw = -self.pitch, -self.yaw
         state = np.concatenate(

@@ -1,9 +1,8 @@
 """Several followers of one leader: who follows whom at which station, and how near they may come.
 
-A follower sees the lamp ahead of it and nothing else: the formation law keeps its distance to that
-lamp, and no law keeps two followers apart that do not see each other. They stay apart because their
-stations are: by `MIN_SEPARATION_M` and by how far every follower between them may be off its
-station. That is no guarantee: a follower that lost its light and stopped is farther off.
+A follower sees only the lamp ahead of it, and the formation law keeps its distance to that alone.
+Stations keep followers apart: by `MIN_SEPARATION_M` and by how far every follower between them may
+be off its own. That is no guarantee: a follower that lost its light and stopped is farther off.
 
 A station swings sideways by its distance to the leader times the leader's turn rate. A second link
 of a chain is as far behind as the law's fastest sway can follow, so there is no third.
@@ -27,10 +26,7 @@ MOST_BY_LEADER = 3
 
 @dataclass(frozen=True)
 class Follower:
-    """One of a fleet, numbered from 1.
-
-    Its station is in the frame of the lamp of the follower `ahead`; 0 is the leader.
-    """
+    """One of a fleet, from 1; its station is in the frame of the lamp of `ahead`, 0: the leader."""
 
     number: int
     station_m: Place
@@ -55,9 +51,8 @@ class Follower:
 def vee(followers: int, chain: bool = True) -> list[Follower]:
     """Return a V behind a leader: odd followers to port, even ones to starboard.
 
-    In a `chain` of up to `MOST` followers, the third and the fourth see the lamp of the follower
-    ahead on their arm. Without, all see the leader's: up to three, the third in the middle.
-    ValueError for a number out of bounds.
+    In a `chain`, of up to `MOST`, the third and fourth see the lamp of the one ahead on their arm;
+    else all see the leader's, up to three, the third in the middle. ValueError for other numbers.
     """
     most = MOST if chain else MOST_BY_LEADER
     if not 1 <= followers <= most:

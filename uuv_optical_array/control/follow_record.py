@@ -12,13 +12,12 @@ from uuv_optical_array.core.settings import Place
 
 @dataclass
 class FollowRecord:
-    """A run as it was seen on the topics; stamps are in seconds from the leader's start.
+    """A run as it was seen on the topics, by stamps in seconds from the leader's start.
 
     - station_m: commanded station in the lamp's frame, m.
-    - leader_path, follower_path: positions in the world by stamp, m, shape ``(3,)`` each.
-    - truth: relative pose of the follower by stamp, m and rad, shape ``(5,)``.
-    - estimates: estimated pose by stamp, m and rad, shape ``(5,)``.
-    - images: array images by stamp, counts.
+    - leader_path, follower_path: positions in the world, m, shape ``(3,)`` each.
+    - truth, estimates: relative poses of the follower, m and rad, shape ``(5,)`` each.
+    - images: of the array, counts.
     """
 
     station_m: Place

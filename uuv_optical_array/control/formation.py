@@ -6,28 +6,26 @@ commands since. It commands the leader's velocity, plus one proportional to the 
 predicted pose. So nothing lags at a steady speed or turn of the leader or in a steady current,
 which looks like a motion of the leader, and there is no integral to wind up.
 
-The station is a place behind the lamp, on the beam's axis or beside it. It turns with the leader.
+The station is a place behind the lamp, on the beam's axis or beside it, and turns with the leader.
 
 The follower keeps a minimum distance to the lamp. Its nearest possible range is that of the
-predicted pose or that of the newest pose, whichever is less, less `RANGE_STDS` standard deviations
-of the newest pose. For every command while the light is not lost:
+predicted or of the newest pose, whichever is less, less `RANGE_STDS` standard deviations of the
+newest. For every command while the light is not lost:
 
 - where that range is at or below the minimum, nothing moves the follower towards the lamp,
   whatever the limits of acceleration say, and it backs off;
-- above it, the speed is such that the follower comes to rest before the minimum, should the
-  leader stop dead, by braking at ``max_acceleration_m_per_s2``;
-- and such that it does so too, should the light be lost, while the command falls to zero.
+- above it, the speed lets the follower come to rest before the minimum by braking at
+  ``max_acceleration_m_per_s2``, should the leader stop dead;
+- and also while the command falls to zero, should the light be lost.
 
-So the follower does not go nearer than the minimum while the range errs by no more than
-`RANGE_STDS` of its published standard deviations and the leader does not come nearer by itself,
-but for the latency of the poses and of the vehicle. A range that errs by more than it says cannot
-be recognised. A command of zero is rest in the water: without light a current carries the
-follower along.
+So the minimum is kept, but for the latency of poses and vehicle, while the range errs by no more
+than `RANGE_STDS` of its published standard deviations and the leader does not come nearer by
+itself. A command of zero is rest in the water: without light a current carries the follower along.
 
-What is refused steers nothing, and where nothing else comes the follower stops. Beyond the minimum
-that is a pose whose range may err by itself, which is all that the track says while the images are
+A refused pose steers nothing, and where no other comes the follower stops. Beyond the minimum a
+pose is refused whose range may err by itself, which is all that the track says while the images are
 not of the scene (`Track.mismatch`), and one that no vehicle can have reached since the one before.
-Outliers less far off are the tracker's to find: they get no track.
+The tracker finds outliers less far off.
 """
 
 import math
@@ -102,10 +100,7 @@ class _Odometry(NamedTuple):
 
 
 class FormationController:
-    """Keep the station and the leader's attitude, in all 5 degrees of freedom.
-
-    A station nearer than the minimum distance is not reached.
-    """
+    """Keep station and the leader's attitude; none nearer than the minimum distance is reached."""
 
     def __init__(self, settings: FormationSettings) -> None:
         self._own = OwnMotion()  # the commands
@@ -142,9 +137,8 @@ class FormationController:
         - Outlier: for a pose beyond the minimum and farther from the one before, and from the last
           that steered, than these may err and any vehicle moves meanwhile.
         - NoPose: for a pose beyond the minimum whose range may err by itself.
-        - ValueError: for a pose, rate or stamp that is not finite or out of bounds, a covariance
-          that is not positive definite, or a stamp that does not advance; the controller is left as
-          it was.
+        - ValueError: for what is not finite, out of bounds or not positive definite, and a stamp
+          that does not advance; the controller is left as it was.
         """
         stamp_ns = _nanoseconds("pose: stamp", stamp_s)
         pose, _ = checked_pose(pose, covariance)
@@ -181,9 +175,8 @@ class FormationController:
     def command(self, now_s: float) -> tuple[Array, Array] | None:
         """Return the twist to command at the present, s, on the clock of the stamps.
 
-        It is a linear (m/s) and an angular (rad/s) velocity in the follower's frame, shape ``(3,)``
-        each; ``None`` before the first pose. When the light is lost it falls linearly to zero
-        within ``stop_time_s``. ValueError for a present that is not finite.
+        It is in the follower's frame, m/s and rad/s, shape ``(3,)`` each; ``None`` before a pose.
+        Once the light is lost it falls linearly to zero. ValueError for a time that is not finite.
         """
         now_ns = _nanoseconds("now_s", now_s)
         if self._track is None:
@@ -200,16 +193,14 @@ class FormationController:
             elapsed_s = min(max(elapsed_s, 0.0), s.light_timeout_s)
             self._cruise = self._rate = self._steered(self._track, now_ns, elapsed_s)
         else:
-            # The clock was set back in the dark: from here it slows down anew.
-            self._cruise = self._rate
+            self._cruise = self._rate  # the clock was set back in the dark: slow down from here
         self._own.command(now_ns, self._rate)
         self._own.forget(now_ns - 2 * self._timeout_ns)
         return self._rate[:3].copy(), np.array([0.0, self._rate[PITCH], self._rate[YAW]])
 
     def _steered(self, track: _Odometry, now_ns: int, elapsed_s: float) -> Array:
         """Return the rate to command in the light, a time after the last command, s."""
-        # A stamp a little in the future is taken for the present.
-        now_ns = max(now_ns, track.stamp_ns)
+        now_ns = max(now_ns, track.stamp_ns)  # a stamp a little in the future is the present
         pose = (
             track.pose
             + (now_ns - track.stamp_ns) * 1e-9 * track.leader_rate

@@ -10,10 +10,8 @@ with the rigid body's inertia M, the added mass A, C by Kirchhoff's equations fr
 ``M v`` and ``A r``, damping D linear and quadratic, restoring forces g, and the pressure of
 accelerated water on the displaced volume V (Fossen, Handbook of Marine Craft Hydrodynamics and
 Motion Control, 2011, chapters 3, 4, 6 and 8; Newman, Marine Hydrodynamics, 1977, chapter 4). How
-the water turns and shears within the length of the body is left out.
-
-It is integrated by the classical Runge-Kutta rule with a fixed step: each step costs the same, runs
-repeat exactly, and its error is far below that of the parameters.
+the water turns and shears within the length of the body is left out. The classical Runge-Kutta rule
+with a fixed step integrates it: runs repeat exactly, and the parameters err far more.
 """
 
 from collections.abc import Callable
@@ -33,14 +31,12 @@ PLACE, ATTITUDE, VELOCITY = slice(0, 3), slice(3, 7), slice(7, 13)  # of a state
 class Body:
     """What moves: diagonal inertia and damping, surge, sway, heave, roll, pitch, yaw.
 
-    - inertia: mass, kg, thrice, and moments of inertia about the centre of gravity, kg m^2; shape
-      ``(6,)``, > 0.
+    - inertia: mass, kg, thrice, and moments of inertia, kg m^2, shape ``(6,)``, > 0.
     - added_mass: of the water that moves along, kg and kg m^2, shape ``(6,)``, >= 0.
     - linear_damping, quadratic_damping: per velocity through the water, N s/m and N m s, and per
       its square; shape ``(6,)``, >= 0.
-    - volume_m3: of the displaced water, m^3.
+    - volume_m3, water_density: of the displaced water, m^3 and kg/m^3.
     - buoyancy_at: centre of buoyancy from that of gravity, FRD, m, shape ``(3,)``.
-    - water_density: kg/m^3.
     """
 
     inertia: Array
@@ -56,10 +52,7 @@ class Body:
         return (self.linear_damping + self.quadratic_damping * abs(through_water)) * through_water
 
     def restoring(self, down: Array) -> Array:
-        """Return the force and moment that hold weight and buoyancy, N and N m, shape ``(6,)``.
-
-        The unit vector `down` is in the body's frame.
-        """
+        """Return what holds weight and buoyancy, N and N m, ``(6,)``; `down` is a unit vector."""
         buoyancy = self.water_density * GRAVITY_M_PER_S2 * self.volume_m3
         net = self.inertia[0] * GRAVITY_M_PER_S2 - buoyancy
         return np.concatenate([-net * down, buoyancy * _cross(self.buoyancy_at, down)])
@@ -68,8 +61,7 @@ class Body:
 def coriolis(mass: Array, velocity: Array) -> Array:
     """Return the force and moment that turn a momentum, N and N m, shape ``(6,)``.
 
-    `mass` is the diagonal of an inertia or added mass, `velocity` linear and angular in the body's
-    frame, m/s and rad/s, shape ``(6,)`` each.
+    `mass` is a diagonal, `velocity` in the body's frame, m/s and rad/s, shape ``(6,)`` each.
     """
     momentum, speed, turn = mass * velocity, velocity[:3], velocity[3:]
     moment = _cross(turn, momentum[3:]) + _cross(speed, momentum[:3])
@@ -91,11 +83,10 @@ def rotation_from(quaternion_xyzw: Array) -> Array:
 def advance(
     body: Body, state: Array, thrust: Array, water: Water, t_s: float, step_s: float
 ) -> Array:
-    """Return the state after one step from a time.
+    """Return the state after one step from a time, under a thrust, N and N m, shape ``(6,)``.
 
     A state is the place in the world (m), the attitude (unit quaternion x, y, z, w from the body to
-    the world) and the velocity over ground in the body's frame (m/s and rad/s), shape ``(13,)``;
-    `thrust` is the thrusters' force and moment on the body, N and N m, shape ``(6,)``.
+    the world) and the velocity over ground in the body's frame (m/s and rad/s), shape ``(13,)``.
     """
 
     def slope(at: Array, after_s: float) -> Array:

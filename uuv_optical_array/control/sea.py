@@ -25,10 +25,7 @@ GRAVITY_M_PER_S2 = 9.82  # as in von Benzon et al., 2022
 
 @dataclass(frozen=True)
 class WaveSettings:
-    """A regular wave, and how deep below it the world's origin lies.
-
-    Within these bounds no wave is so steep that it breaks: 0.142 of its length (Miche, 1944).
-    """
+    """A regular wave, by its bounds below 0.142 of its length, where it breaks (Miche, 1944)."""
 
     wave_height_m: Annotated[
         float, Quantity("height of the waves, from trough to crest; 0 for none", "m", 0, 3)
@@ -43,10 +40,7 @@ class WaveSettings:
 
 
 class Sea:
-    """Velocity and acceleration of the water, anywhere and at any time.
-
-    The current is in the world (x, y, z; z up), three finite values.
-    """
+    """Velocity and acceleration of the water, by waves and a finite current in the world (z up)."""
 
     def __init__(
         self,
@@ -62,18 +56,14 @@ class Sea:
         self._depth_m = waves.depth_m
 
     def velocity(self, position: Array, t_s: float) -> Array:
-        """Return the velocity of the water at a position in the world, m/s, shape ``(3,)``.
-
-        Above the still surface the water moves as at it.
-        """
+        """Return the water's velocity in the world, m/s, ``(3,)``; above the surface as at it."""
         speed, cos, sin = self._orbit(position, t_s)
         return self.current + speed * np.array([cos * self._along[0], cos * self._along[1], sin])
 
     def acceleration(self, position: Array, t_s: float) -> Array:
         """Return the acceleration of the water in the world, m/s^2, shape ``(3,)``.
 
-        It is that of a body that drifts with a level current, to first order in the height of the
-        waves.
+        It is that of a body that drifts with a level current, to first order in the waves' height.
         """
         speed, cos, sin = self._orbit(position, t_s)
         change = speed * self._omega

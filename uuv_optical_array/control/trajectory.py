@@ -17,21 +17,16 @@ class TooEarly(Exception):
 
 
 class Trajectory:
-    """Poses by stamp, interpolated between neighbours, never extrapolated.
-
-    Neighbours farther apart than `max_gap_s` are not interpolated. The last `length` poses are on
-    record; ``None``: all.
-    """
+    """The last `length` poses (``None``: all), interpolated across gaps of up to `max_gap_s`."""
 
     def __init__(self, max_gap_s: float, length: int | None = 200) -> None:
         self.max_gap_s = max_gap_s
         self._samples: deque[tuple[int, Array, Array]] = deque(maxlen=length)
 
     def add(self, stamp_ns: int, position: Array, quaternion_xyzw: Array) -> None:
-        """Record a pose; of two with one stamp the later counts.
+        """Record a position, m, ``(3,)``, and attitude; of two with one stamp the later counts.
 
-        A stamp that goes back starts the record anew: the clock was reset. The position is in m,
-        shape ``(3,)``; the quaternion is not zero.
+        A stamp that goes back starts the record anew: the clock was reset.
         """
         if self._samples and stamp_ns < self._samples[-1][0]:
             self._samples.clear()

@@ -18,26 +18,21 @@ BOW_UP = (48.0, 10.0, -np.radians(2.0))
 
 @dataclass(frozen=True)
 class VehicleLimits:
-    """What a vehicle can do: surge, sway, heave, pitch rate and yaw rate, and how fast they change.
-
-    The largest pitch, rad, is that at which the righting moment wins.
-    """
+    """Limits of surge, sway, heave, pitch rate and yaw rate, of their change, and of the pitch."""
 
     speed: tuple[float, ...] = (1.5, 0.8, 0.8, 0.25, 0.25)
     acceleration: tuple[float, ...] = (0.3, 0.3, 0.3, 0.15, 0.15)
-    pitch: float = 0.8
+    pitch: float = 0.8  # rad: here the righting moment wins
 
 
 class Vehicle:
     """A body that obeys its twist command within limits; its roll stays zero.
 
-    The command is a velocity through the water, as of a vehicle that cannot see the ground: the sea
-    carries it along. The position is that of ``base_link`` in the world, m; a positive pitch, rad,
-    lowers the bow, a positive yaw turns it to port. The limits are those of a small hovering
-    vehicle; its sea may change at any time.
+    The command is a velocity through the water: the sea, which may change at any time, carries the
+    vehicle along. Position and attitude are of ``base_link`` in the world, m and rad, by REP 103.
     """
 
-    limits = VehicleLimits()
+    limits = VehicleLimits()  # of a small hovering vehicle
 
     def __init__(
         self, position: ArrayLike, pitch: float = 0.0, yaw: float = 0.0, sea: Sea = STILL_SEA
@@ -66,19 +61,16 @@ class Vehicle:
 
     @property
     def angular(self) -> Array:
-        """Angular velocity in the body frame, rad/s, shape ``(3,)``.
-
-        A pitched body that turns level has a share of the turn about its x axis.
-        """
+        """Angular velocity in the body frame, rad/s, shape ``(3,)``."""
         _, _, _, pitch_rate, yaw_rate = self._rate
+        # A pitched body that turns level turns about its x axis, too.
         return np.array([-yaw_rate * np.tan(self.pitch), pitch_rate, yaw_rate])
 
     def step(self, linear: ArrayLike, angular: ArrayLike, dt: float) -> None:
         """Move on by one step of the midpoint rule, s.
 
-        Linear and angular velocity are commanded through the water in the body frame, m/s and
-        rad/s, shape ``(3,)`` each; the roll rate is ignored. ValueError for a command that is not
-        finite, or a step that is negative or not finite.
+        The command is in the body frame, m/s and rad/s, shape ``(3,)`` each; the roll rate is
+        ignored. ValueError for a command or step that is not finite, or a negative step.
         """
         rate = self._ramped(linear, angular, dt)
         mean = (self._rate + rate) / 2
@@ -115,12 +107,10 @@ def _raised_cosine(t_s: float, start_s: float, duration_s: float, peak: float) -
 
 
 def leader_twist(t_s: float) -> tuple[Array, Array]:
-    """Return the leader's command: straight, a turn of 35 deg, 1.4 m down, straight.
+    """Return the leader's command in its own frame, m/s and rad/s, shape ``(3,)`` each.
 
-    The next minute turns back and comes up again, so every two minutes the leader has its
-    first heading and depth. The yaw rate peaks at 3.5 deg/s, the pitch rate at 2 deg/s and
-    the pitch at 10 deg: 4.5 m behind, the station swings sideways at up to 0.27 m/s. The command is
-    a linear (m/s) and an angular (rad/s) velocity in the leader's frame, shape ``(3,)`` each.
+    A minute is straight, a turn of 35 deg, 1.4 m down at a pitch of up to 10 deg, straight; the
+    next turns back and comes up. A station 4.5 m behind swings sideways at up to 0.27 m/s.
     """
     minute, t_s = divmod(t_s, PATH_MINUTE_S)
     side = -1.0 if minute % 2 else 1.0
@@ -130,10 +120,7 @@ def leader_twist(t_s: float) -> tuple[Array, Array]:
 
 
 def lead(leader: Vehicle, path_s: float, dt: float) -> float:
-    """Move the leader one step `dt` (s) along its path, and return its new time on the path, s.
-
-    It can see the ground and steers against the current.
-    """
+    """Move the leader along its path by `dt`, against the current; return its new time there, s."""
     linear, angular = leader_twist(path_s + dt / 2)
     leader.step(linear - leader.rotation.T @ leader.sea.current, angular, dt)
     return path_s + dt
@@ -142,10 +129,9 @@ def lead(leader: Vehicle, path_s: float, dt: float) -> float:
 def start_behind(
     leader: Vehicle, station_m: ArrayLike, offset: ArrayLike = (-0.5, -0.2, 0.0)
 ) -> Vehicle:
-    """Return a follower at rest behind a leader and parallel to it, a little off its station.
+    """Return a follower at rest, of the leader's kind and parallel to it, in its sea.
 
-    Station and offset are in the leader's frame, m, shape ``(3,)``. The follower is of the leader's
-    kind, in its sea.
+    Station and offset from it are in the leader's frame, m, shape ``(3,)`` each.
     """
     position = leader.position + leader.rotation @ np.add(station_m, offset)
     return type(leader)(position, leader.pitch, leader.yaw, leader.sea)

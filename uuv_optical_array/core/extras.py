@@ -10,7 +10,6 @@ from typing import Any
 
 from uuv_optical_array.core.storage.files import PACKAGE
 
-# What needs each extra.
 NEEDED_BY = {
     "bags": "bags need",
     "cluster": "a signature table on disk needs",

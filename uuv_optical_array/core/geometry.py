@@ -1,9 +1,8 @@
 """The 5-DOF relative pose: frames, rotations and covariances (REP 103).
 
-Every frame is x forward, y left, z up. A pose is the follower's ``base_link`` in
-the leader's ``beacon`` frame, as the row ``(x, y, z, pitch, yaw)`` in metres and
-radians; arrays of poses have shape ``(..., 5)``. The attitude is
-``Rz(yaw) Ry(pitch) Rx(roll)``; roll is known (0 for level vehicles), never estimated.
+Every frame is x forward, y left, z up. A pose is the follower's ``base_link`` in the leader's
+``beacon`` frame, as the row ``(x, y, z, pitch, yaw)`` in metres and radians; arrays of poses have
+shape ``(..., 5)``. The attitude is ``Rz(yaw) Ry(pitch) Rx(roll)``; roll is given.
 """
 
 import math
@@ -198,10 +197,7 @@ def body_twist(
 
 
 def pose_rate(pose: ArrayLike, twist: ArrayLike, roll: float) -> Array:
-    """Return the rate of a pose whose frame moves by a twist: the inverse of `body_twist`.
-
-    The pitch is within (-pi/2, pi/2); the roll, rad, is taken as constant.
-    """
+    """Return a pose's rate by its twist: the inverse of `body_twist`, for abs(pitch) < pi/2."""
     _, _, _, pitch, yaw = np.asarray(pose, dtype=float)
     *linear, _, about_y, about_z = np.asarray(twist, dtype=float)
     sin_r, cos_r = np.sin(roll), np.cos(roll)
@@ -211,10 +207,7 @@ def pose_rate(pose: ArrayLike, twist: ArrayLike, roll: float) -> Array:
 
 
 def turned_on_mount(pose: Array, roll: float, bow_m: float) -> Array:
-    """Return the slope of a pose, as it appears, by turns of the array on its mount, ``(5, 2)``.
-
-    The array turns in pitch and yaw about a point `bow_m` ahead of ``base_link``.
-    """
+    """Return the slope of a pose by pitch and yaw of the array on its mount at `bow_m`, (5, 2)."""
     pitch, yaw = float(pose[PITCH]), float(pose[YAW])
     # The array stays in place, so the vehicle appears to swing about it.
     swing = [(bow_m * above, -bow_m * aside) for _, aside, above in rotation(pitch, yaw, roll)]
@@ -223,10 +216,7 @@ def turned_on_mount(pose: Array, roll: float, bow_m: float) -> Array:
 
 
 def turned_about_lamp(pose: Array) -> Array:
-    """Return the slope of a pose, as it appears, by turns of the lamp's axis, shape ``(5, 2)``.
-
-    The lamp turns in pitch and yaw of the beacon, so all that it lights appears to turn back.
-    """
+    """Return the slope of a pose, which seems to turn back, by turns of the lamp, ``(5, 2)``."""
     x, y, z, pitch, yaw = map(float, pose)
     by_pitch = (-z, 0.0, x, -math.cos(yaw), -math.tan(pitch) * math.sin(yaw))
     return np.array([by_pitch, (y, -x, 0.0, 0.0, -1.0)]).T
@@ -263,11 +253,10 @@ def rolled(pose: Array, roll: float, angle: float) -> tuple[Array, float]:
 def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float | Array) -> Array:
     """Expand a 5-DOF covariance to that of a ROS pose, shape ``(6, 6)``.
 
-    The beam of one lamp is axisymmetric, so a turn of the whole follower about its axis changes
-    nothing in the image: an uncertain roll, by its standard deviation about the beam, rad, moves y,
-    z and the attitude together. That adds a term of rank one to the mapped 5x5. Several lamps show
-    the follower's roll: its covariance with the pose, and its variance, shape ``(6,)``. Abeam the
-    pitch and the beam have one axis, so abs(yaw) < pi/2.
+    The beam of one lamp is axisymmetric, so that an uncertain roll, by its standard deviation about
+    the beam, rad, turns y, z and the attitude together: a term of rank one. Several lamps show
+    the roll: its covariance with the pose, and its variance, ``(6,)``. Abeam the pitch and the beam
+    have one axis, so abs(yaw) < pi/2.
     """
     _, y, z, pitch, yaw = np.asarray(pose, dtype=float)
     jacobian = np.eye(6, 5)

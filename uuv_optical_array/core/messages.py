@@ -1,7 +1,6 @@
 """Contents of messages, for ROS and for the reader and the writer of bags.
 
-Messages from outside are checked. Those that we send have the constants below, unless a parameter
-of the estimator node says otherwise.
+Messages from outside are checked. Ours have the constants below, unless a parameter says otherwise.
 """
 
 from collections.abc import Sequence
@@ -60,8 +59,7 @@ def as_wired(image: Array, wiring: Sequence[int] | None) -> Array:
 def image_from_message(message: Any, array: Readout, lamps: int = 1) -> Array:
     """Unpack a mono16 ``sensor_msgs/Image`` of counts, whatever its padding and byte order.
 
-    Each reading of the result is at the place of its detector, shape ``(lamps side, side)``.
-    Refused for another encoding or size, or a truncated message.
+    The readings are in place, ``(lamps side, side)``. Refused for another encoding, size or length.
     """
     side = array.detectors_per_side
     rows = lamps * side
@@ -107,12 +105,10 @@ def checked_quaternion(attitude: Any) -> Array:
 def odometry_pose(message: Any, axes: str = "flu") -> tuple[Array, Array]:
     """Unpack position, m, shape ``(3,)``, and attitude, x y z w, shape ``(4,)``, in REP 103's axes.
 
-    Those of the message are ``flu``, which is REP 103 (body forward, left, up in a world whose z is
-    up), or ``frd``, the aerospace axes (forward, right, down in NED).
+    The message's are ``flu``, which is REP 103, or ``frd``, aerospace: forward, right, down in NED.
     """
     position, quaternion = checked_pose(message.pose.pose)
-    if axes == "frd":
-        # Half a turn about x, of the world and of the body.
+    if axes == "frd":  # half a turn about x, of the world and of the body
         position = position * FLU_FRD
         quaternion = quaternion * [*FLU_FRD, 1]
     return position, quaternion

@@ -34,23 +34,16 @@ class Quantity:
         return f"from {self.low:g} to {self.high:g}{unit}"
 
 
-# Places on the array, each ``[row, column]``; the bounds are those of both.
-Cells: TypeAlias = Sequence[Sequence[int]]
-# A place in space, x, y and z; the bounds are those of each.
-Place: TypeAlias = tuple[float, float, float]
-# The whole numbers from 0 on, each once, in some order.
-Order: TypeAlias = Sequence[int]
-# Several numbers; the bounds are those of each.
+# The bounds are those of each number.
+Cells: TypeAlias = Sequence[Sequence[int]]  # places on the array, each ``[row, column]``
+Place: TypeAlias = tuple[float, float, float]  # x, y and z
+Order: TypeAlias = Sequence[int]  # the whole numbers from 0 on, each once, in some order
 Numbers: TypeAlias = Sequence[float | int]
-# A number for each detector, ``[row][column]``; the bounds are those of all.
-Grid: TypeAlias = Sequence[Sequence[float]]
+Grid: TypeAlias = Sequence[Sequence[float]]  # a number for each detector, ``[row][column]``
 
 
 class Setting(NamedTuple):
-    """How a setting is declared: its type, as of `check`, default, and whether it may be ``None``.
-
-    The default is ``inspect.Parameter.empty`` where the setting is required.
-    """
+    """How a setting is declared: type as of `check`, default, and whether it may be ``None``."""
 
     kind: Any
     quantity: Quantity
@@ -191,11 +184,10 @@ def declared(owner: Callable[..., Any]) -> dict[str, Setting]:
 
 
 def check(hint: Any, value: Any, name: str) -> Any:
-    """Return a value, as its declared type, after a check against its type hint.
+    """Return a value as its declared type; ValueError names key, value, bound and cure.
 
     The hint is ``float``, ``int``, ``Span``, `Numbers`, `Place`, `Cells`, `Order`, `Grid`,
-    ``Literal[...]`` or ``T | None``, each bare or ``Annotated`` with a `Quantity`. ValueError names
-    the key, the value, the bound and the cure.
+    ``Literal[...]`` or ``T | None``, each bare or ``Annotated`` with a `Quantity`.
     """
     return _checked(*_unwrapped(hint), value, name)
 
@@ -229,8 +221,7 @@ def unknown(key: Any, known: typing.Iterable[str], where: str) -> ValueError:
 def check_all(owner: Callable[..., Any], values: Any, where: str) -> dict[str, Any]:
     """Check a mapping of values against the settings of its owner, and fill in defaults.
 
-    ``None`` is an empty mapping; `where` is its dotted name. ValueError for an unknown or missing
-    key, a wrong type or a value out of bounds.
+    ``None`` is empty; `where` is its dotted name. ValueError for a wrong or missing key or value.
     """
     values = {} if values is None else values
     if not isinstance(values, Mapping):

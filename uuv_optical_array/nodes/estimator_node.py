@@ -193,8 +193,7 @@ class EstimatorNode(Node):
             estimator = Estimator(source, **asdict(settings))
             if settings.method != FIT:
                 source = estimator.table  # the next one need not build it again
-        # Nothing is refused from here on.
-        self.finish()
+        self.finish()  # nothing is refused from here on
         self.source = source
         if estimator is not None:
             if self.pipeline is None:
@@ -223,8 +222,7 @@ class EstimatorNode(Node):
             parameters, counts = messages.features_from_message(features), None
             if parameters is not None and image is not None:
                 counts = image_from_message(image, self.scene.array, self.scene.lamp_count)
-                # They are worked out a second time to refuse two exposures under one stamp.
-                check_image(parameters, counts, self.scene)
+                check_image(parameters, counts, self.scene)  # refuses two exposures of one stamp
             self.on_frame(features.header, parameters, counts)
 
     def on_imu(self, message: Imu) -> None:
@@ -255,10 +253,7 @@ class EstimatorNode(Node):
         return self.roll_rad
 
     def on_frame(self, header: Header, parameters: Array | None, image: Array | None) -> None:
-        """Publish the pose of one image, or say why there is none.
-
-        The key parameters are ``None`` where there is no light.
-        """
+        """Publish an image's pose, or say why not; without light the `parameters` are ``None``."""
         self.finish()
         with self.diagnostics.refusing():
             if self.pipeline is None:

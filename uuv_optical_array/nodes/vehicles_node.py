@@ -2,9 +2,8 @@
 
 The leader sets off once every follower has been commanded, which the formation control does from
 the first pose on, and has the fit that it will keep: while a fit is compiled, frames may be late.
-Then the sea begins to move too. ``cmd_vel`` is a velocity through the water,
-since a follower cannot see the ground; the leader can, and steers against the current. Each of the
-two can be alone, so that several followers share a leader.
+Then the sea begins to move too. ``cmd_vel`` is a velocity through the water; the leader can see the
+ground, and steers against the current. Each can be alone, so that several followers share a leader.
 """
 
 from functools import partial
@@ -170,8 +169,7 @@ class VehiclesNode(Node):
         """Move the vehicles to the present and publish their odometry."""
         now = self.get_clock().now()
         if self.moved is None or now < self.moved:
-            # The first tick, or a clock that was set back: begin here.
-            self.moved = self.commanded = now
+            self.moved = self.commanded = now  # the first tick, or a clock that was set back
         step_s = (now - self.moved).nanoseconds * 1e-9
         self.moved = now
         if (now - self.commanded).nanoseconds * 1e-9 > self.parameters["command_timeout_s"]:

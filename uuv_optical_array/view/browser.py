@@ -1,7 +1,6 @@
-"""A headless Chromium that opens the page, evaluates scripts in it, and takes its picture.
+"""The page in a headless Chromium: scripts and pictures by the Chrome DevTools Protocol.
 
-It is controlled by the Chrome DevTools Protocol
-(https://chromedevtools.github.io/devtools-protocol/).
+See https://chromedevtools.github.io/devtools-protocol/.
 """
 
 import base64
@@ -25,10 +24,7 @@ def installed() -> str | None:
 
 
 class Browser:
-    """One page of a headless browser, of a width and a height, closed at the end of a context.
-
-    ValueError where no Chromium is installed, or it does not start.
-    """
+    """One page, closed at the end of a context; ValueError where no Chromium starts."""
 
     def __init__(self, url: str, size_px: tuple[int, int] = SIZE_PX) -> None:
         from websockets.sync.client import connect

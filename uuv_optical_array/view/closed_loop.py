@@ -1,7 +1,4 @@
-"""The whole loop without ROS: vehicles, sea, lamp, array, estimator, track and formation law.
-
-The sea may differ from the scene that the estimator believes, and change while the loop runs.
-"""
+"""The whole loop without ROS: vehicles, sea, lamp, array, estimator, track and formation law."""
 
 import dataclasses
 from typing import Annotated, Any
@@ -55,9 +52,8 @@ class Conditions:
 class ClosedLoop:
     """A leader on its path, and a follower that keeps station by its light alone.
 
-    As on ROS the leader waits until the follower is commanded for the first time. The estimator
-    believes its scene, whatever the conditions are; these are at first those of the scene. `rng` is
-    the source of the noise, and `frames` holds the stages that an image goes through.
+    As on ROS the leader waits for the first command. The estimator believes its scene, of which the
+    conditions are unless others are given. `frames` holds the stages that an image goes through.
     """
 
     def __init__(
@@ -82,10 +78,7 @@ class ClosedLoop:
         self.conditions = conditions
 
     def step(self, dt: float) -> Sight:
-        """Advance by `dt`, s, > 0; take an image, command by it, and return what there is to see.
-
-        The lamp is at the leader's origin.
-        """
+        """Advance by `dt`, s, > 0; return what there is to see, the lamp at the leader's origin."""
         if self._path_s is not None:
             # The current acts once the vehicles move.
             self._leader.sea = self._follower.sea = Sea(self.conditions.current_m_per_s)

@@ -1,7 +1,6 @@
 """Who may open the page: who has its address, and from the page itself.
 
-A browser sends whatever any site has it send, but says truly by which name it found this machine
-(Host), and which page asks (Origin).
+A browser sends what any site wants, but says truly what it looked up (Host) and who asks (Origin).
 """
 
 import asyncio

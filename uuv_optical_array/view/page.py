@@ -63,10 +63,9 @@ class Slider(NamedTuple):
 
 
 class Page:
-    """A page about a scene's lamp and array, served until it is closed.
+    """A page about a scene's lamp and array, served at `port`, or the next that is free.
 
-    It takes the next free port where the given one is taken. NotInstalled without viser, ValueError
-    where no page can be served at `host` and `port`.
+    NotInstalled without viser, ValueError where no page can be served at `host` and `port`.
     """
 
     def __init__(self, scene: Scene, title: str, host: str = LOOPBACK, port: int = PORT) -> None:
@@ -75,8 +74,7 @@ class Page:
         port = _free_port(host, port)
         logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # browsers that hang up
         token = secrets.token_urlsafe(16)
-        # Its banner no option suppresses.
-        with guarded(token), redirect_stdout(StringIO()):
+        with guarded(token), redirect_stdout(StringIO()):  # no option suppresses its banner
             self._server = viser.ViserServer(host, port, label=title, verbose=False)
         # A browser may ask viser for a tunnel through which the whole internet sees the page.
         self._server.request_share_url = lambda verbose=True: None
@@ -125,8 +123,7 @@ class Page:
                 at = ahead, 0.0, 0.0
                 sea.add_mesh_simple(f"/{name}/{part}", *mesh, position=at, **look)
             sea.add_label(f"/{name}/label", name, position=(0.0, 0.0, 1.6 * half_m))
-        # Of a beam only the far wall is drawn, which hides nothing.
-        light = {"color": LAMP, "side": "front", "material": "toon3"}
+        light = {"color": LAMP, "side": "front", "material": "toon3"}  # a far wall hides nothing
         for i, (place, meshes) in enumerate(beams(self._scene, self._range_m)):
             ball = {"subdivisions": 2, "position": tuple(place)}
             sea.add_icosphere(f"/leader/lamp_{i}", 0.09, LAMP, **ball)
@@ -137,8 +134,7 @@ class Page:
         dots = {"point_shape": "circle", "point_shading": "flat", "precision": "float32"}
         size = {"point_size": 0.5 * array.spacing_m, **dots}
         self._detectors = sea.add_point_cloud("/follower/array", array.positions, dark, **size)
-        # A wire frame, because transparent bodies hide each other.
-        frame = {"wireframe": True, "subdivisions": 2}
+        frame = {"wireframe": True, "subdivisions": 2}  # as transparent bodies hide each other
         self._ellipsoid = sea.add_icosphere("/estimate/three_sigma", 1.0, _rgb(ESTIMATE), **frame)
         ends = half_m * np.array([[2.0, 0, 0], [0, 0.7, 0], [0, -0.7, 0], [0, 0, 1.2]])
         axes = np.stack([np.zeros((4, 3)), ends], axis=1)
@@ -191,10 +187,7 @@ class Page:
     def add_sliders(
         self, title: str, sliders: Sequence[Slider], on_change: Callable[[list[float]], None]
     ) -> None:
-        """Add sliders below a title; `on_change` gets all their values, from any thread.
-
-        Where it raises a ValueError, the sliders go back.
-        """
+        """Add sliders; `on_change` gets all values, from any thread; its ValueError resets them."""
         handles: list[Any] = []
         taken = [slider.value for slider in sliders]
 
@@ -287,8 +280,7 @@ class Page:
         frames = self._frames
         _place(frames["leader"], np.zeros(3), turn)
         _place(self._sea, -heading.T @ place, heading.T)
-        # The floor follows the leader by whole sections, so that it has no end.
-        x, y = SECTION_M * np.rint(place[:2] / SECTION_M)
+        x, y = SECTION_M * np.rint(place[:2] / SECTION_M)  # so that the floor has no end
         if (x, y) != self._floor_at:
             self._floor_at, self._floor.position = (x, y), (x, y, -FLOOR_M)
         self._show_pose("follower", sight.true_pose, turn)
@@ -367,10 +359,7 @@ def _dots(label: str, colour: str) -> dict[str, Any]:
 
 
 def known(t_s: Array, *values: Array) -> tuple[Array, ...]:
-    """Return the times at which all values are known, and the values; nan for fewer than two.
-
-    A chart cannot be scaled by one point, nor where a value is not a number.
-    """
+    """Return times at which all values are known, and these; nan for one, which sets no scale."""
     rows = np.stack([t_s, *values])
     rows = rows[:, np.isfinite(rows).all(axis=0)]
     if rows.shape[1] < 2:

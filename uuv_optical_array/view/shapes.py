@@ -16,8 +16,7 @@ Mesh: TypeAlias = tuple[Array, NDArray[np.int64]]  # vertices and faces, ``(n, 3
 def ellipsoid(covariance: Array, turn: Array) -> tuple[Array, Array]:
     """Return half axes and rotation of the 3 sigma ellipsoid of a position in ``beacon``.
 
-    `turn` rotates the frame in which it is drawn to ``beacon``; the rotation is from the
-    ellipsoid's axes to that frame, and proper.
+    The rotation is from its axes to the frame of the drawing, which `turn` rotates to ``beacon``.
     """
     variances, axes = np.linalg.eigh(turn.T @ covariance @ turn)
     axes[:, 0] *= np.linalg.det(axes)  # a rotation, no reflection

@@ -89,8 +89,7 @@ class Window:
     def bands(self, dof: int) -> tuple[Array, Array, Array, Array]:
         """Return time, value and its band of 3 sigma, low and high, of a degree of freedom.
 
-        The value is the error, with a band about 0, or the estimate, with a band about itself,
-        where the truth is not known.
+        The value is the error, its band about 0, or without truth the estimate, about itself.
         """
         rows = np.array(self._rows).reshape(-1, 12)
         t_s, value, width = rows[:, 0], rows[:, 1 + dof], rows[:, 6 + dof]

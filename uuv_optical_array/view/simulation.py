@@ -43,11 +43,7 @@ def chosen(values: list[float]) -> Conditions:
 def simulate(
     page: Page, estimator: Estimator, seed: int | None, goes_on: Callable[[float], bool]
 ) -> None:
-    """Let a follower follow a leader on a page with sliders, in real time, while it goes on.
-
-    The estimator is of its own scene, whatever the sliders say. Without a seed, each run has other
-    noise.
-    """
+    """Show the closed loop on a page while it goes on; without a seed each run has other noise."""
     loop = ClosedLoop(estimator, np.random.default_rng(seed))
     conditions, restart = loop.conditions, False
 

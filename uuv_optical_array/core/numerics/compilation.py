@@ -1,9 +1,8 @@
 """The same functions, compiled by Numba where that is installed (the extra ``fast``).
 
-Nothing is decorated and Numba is imported when something is first compiled, so that a process
-which needs no compiled code does not wait for it. `compiled` copies a function and all functions
-of this package that it calls, with the array helpers of `elementwise` and some functions of NumPy
-and SciPy replaced by what they are for numbers (`compiled_math`).
+Numba is imported when something is first compiled, so that nothing else waits for it.
+`compiled` copies a function and all functions of this package that it calls, with the helpers of
+`elementwise` and some functions of NumPy and SciPy replaced by those of `compiled_math`.
 """
 
 import contextlib
@@ -37,10 +36,9 @@ def installed() -> bool:
 
 @cache
 def compiled(function: Callable[..., Any]) -> Any:
-    """Return a function as Numba compiles it, when it is first called, and keeps it on disk.
+    """Return a function of the package as Numba compiles it at its first call and keeps it on disk.
 
-    - function: a function of this package, written for numbers and arrays alike.
-    - ValueError: where Numba is not installed, or not for this NumPy.
+    ValueError where Numba is not installed, or not for this NumPy.
     """
     numba, twin, options = _prepared(function, inner=False)
     folder = cache_folder()
@@ -137,10 +135,9 @@ def _own(status: os.stat_result) -> bool:
 def cache_folder() -> Path | None:
     """Return this user's folder of what was compiled from these sources.
 
-    It lies in Numba's own (``NUMBA_CACHE_DIR``) or in the user's cache; ``None`` where there is
-    none that this user alone can write. Numba itself looks at the file of a function alone, not at
-    those that it calls. Another copy of the same sources has another folder, as Numba takes a
-    function for a new one where its file is elsewhere or newer, and so has another Python or Numba.
+    It is in ``NUMBA_CACHE_DIR`` or the user's cache; ``None`` where it cannot be this user's alone.
+    Numba looks only at a function's own file, whether it is elsewhere or newer, not at what that
+    calls. So a folder is for these sources, their places and times, this Python and this Numba.
     """
     digest = hashlib.sha256(f"{sys.implementation.cache_tag} {os.geteuid()}".encode())
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):

@@ -1,8 +1,7 @@
 """What `elementwise` and some functions of NumPy and SciPy are in compiled code.
 
-Importing this module imports Numba. The exponential, the logarithm and the trigonometric functions
-are polynomials, which a compiler turns into vectors; the library's would be a call for each
-number.
+Exponential, logarithm and trigonometric functions are polynomials, which a compiler turns into
+vectors; the library's would be a call for each number.
 """
 
 import math

@@ -1,8 +1,7 @@
 """What lets one source serve NumPy and Numba: loops and choices for numbers and arrays alike.
 
-A law is written once, for "the reading j". NumPy runs it with j as a slice, so that one turn of
-the loop takes all readings; Numba compiles it with j as a number (see `compilation`). Between them
-only the functions of this module differ.
+A law is written once, for "the reading j". To NumPy j is a slice of all readings, to Numba a number
+(see `compilation`). Between them only the functions of this module differ.
 """
 
 from collections.abc import Callable, Iterable

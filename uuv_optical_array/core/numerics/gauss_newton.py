@@ -17,14 +17,11 @@ def minimiser(
 ) -> Callable[..., Any]:
     """Return a function that minimises the cost of a problem, or of many at once.
 
-    What is peculiar to a problem, such as bounds, limits of a step or parameters that are held,
-    belongs to `propose`.
-
     - evaluate: ``evaluate(problem, at)``: a named tuple of the cost, first, and whatever `propose`
       needs to know of the place; of many problems, each part has their axis last.
-    - propose: ``propose(problem, state, damping)``: the place to try next, and the decrement of the
-      cost that the model of second order promises there; nan where there is no step. The more
-      damping, the shorter the step; of many problems, those that have ended get 0 and need none.
+    - propose: ``propose(problem, state, damping)``: the next place, within its bounds, and the
+      decrement of the cost that the model of second order promises; nan where there is no step. The
+      more damping, the shorter the step; of many problems, those ended get 0 and need none.
     - arrived, most: decrement below which a step is the last, > 0, and number of steps at most.
     - returned: ``minimise(problem, start, steps=most)``: what `evaluate` found at the best place,
       the start itself where its cost is not finite. Such a place is never taken.
@@ -41,8 +38,7 @@ def minimiser(
             last = (decrement < arrived) & (damping < FREE)
             new = evaluate(problem, trial)
             better = active & (new[0] < state[0]) & (new[0] > -np.inf)
-            # On the edge where a detector turns away from the lamp the slope jumps, and a fit
-            # that sits there gains nothing either way.
+            # Where the slope jumps, as where a detector turns away, a fit gains nothing either way.
             short = better & (new[0] > state[0] - arrived)
             state = choose_tuple(better, new, state)
             go_on = choose(last | short | (damping > GIVE_UP), False, active)

@@ -1,18 +1,13 @@
-"""Cholesky's factor of small matrices, in compiled code and out of it.
-
-For the five to a dozen rows of a pose with its nuisances a call of LAPACK takes longer than the
-sums.
-"""
+"""Cholesky's factor of matrices so small that a call of LAPACK takes longer than the sums."""
 
 import math
 from typing import Any
 
 
 def cholesky(matrix: Any) -> bool:
-    """Replace the lower triangle of a symmetric matrix by its Cholesky factor.
+    """Replace the lower triangle of a symmetric matrix by its Cholesky factor; the upper is unused.
 
-    The upper one is neither read nor written. Where the matrix is not positive definite the result
-    is false, and it is left half done.
+    Where the matrix is not positive definite the result is false, and the triangle half done.
     """
     for i in range(len(matrix)):
         for j in range(i + 1):

@@ -1,11 +1,8 @@
 """Inner functions that Numba compiles only into their callers, in half of the time.
 
-Numba optimises and emits each function by itself and, as its callers contain it, once more in each
-of them. An inner function is called from compiled code alone, so its library here is only linked
-into that of its caller. This uses what Numba keeps to itself, and therefore only in versions in
-which it was tried; in others inner functions are compiled as Numba does it.
-
-Importing this module imports Numba.
+Numba optimises and emits each function by itself and once more in each caller. An inner function
+is called from compiled code alone, so its library here is only linked into that of its caller. This
+uses Numba's internals, so only in versions in which it was tried; others compile as usual.
 """
 
 from typing import Any

@@ -11,10 +11,7 @@ PART = ".part"  # how the name of what is being written ends
 
 
 def shared_file(relative: str) -> Path:
-    """Find a file of the package: in a checkout, a virtual environment or a ROS workspace.
-
-    The path is below the package's share directory, such as ``config/follow.yaml``.
-    """
+    """Find a file such as ``config/follow.yaml`` in a checkout, an environment or a workspace."""
     for parent in Path(__file__).resolve().parents:
         for root in (parent, parent / "share" / PACKAGE):
             if (root / "package.xml").exists() and (root / relative).exists():
@@ -71,10 +68,7 @@ def write_text(path: Path, text: str) -> None:
 
 @contextmanager
 def whole_directory(path: Path) -> Iterator[Path]:
-    """Yield a scratch folder that becomes `path` when the block ends well, and else vanishes.
-
-    Missing parents are made. OSError, with the name of `path`, such as where the disk is full.
-    """
+    """Yield a scratch folder as `whole_file` does a file; missing parents are made."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as beside:
         scratch = Path(beside, path.name)

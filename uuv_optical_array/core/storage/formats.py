@@ -12,10 +12,7 @@ import numpy as np
 
 
 def plain(value: Any) -> Any:
-    """Return a value of mappings, sequences and arrays as JSON can hold it.
-
-    Its numbers may be NumPy's; one that is not finite becomes ``None``.
-    """
+    """Return mappings, sequences and arrays as JSON holds them, ``None`` for what is not finite."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):

@@ -15,10 +15,7 @@ LINE = 10**9  # characters, so that no list is broken
 
 
 def parse(text: str) -> Any:
-    """Return the plain values of a document.
-
-    ValueError, with the line and what is wrong, for what is not YAML or holds a key twice.
-    """
+    """Return a document's plain values; ValueError, with the line, for bad YAML or a key twice."""
     try:
         return YAML(typ="safe", pure=True).load(text)
     except DuplicateKeyError as error:
@@ -44,10 +41,7 @@ def _line(error: MarkedYAMLError) -> str:
 
 
 def text_of(values: Mapping[str, Any], like: str = "") -> str:
-    """Return plain values as YAML, a list of numbers on one line.
-
-    Comments, order and spellings of the mapping `like` are kept, as far as its keys stay.
-    """
+    """Return plain values as YAML, with comments, order and spellings of `like` where keys stay."""
     if like:
         # Comments are lost where keys cannot be set one by one, as where two share an anchor.
         with suppress(YAMLError, LookupError, ValueError):

@@ -43,11 +43,7 @@ DEPTH = 100  # reliable and deep: what is recorded should lack nothing
 
 
 class RecorderNode(Node):
-    """Record what the nodes of one follower publish, from when the leader sets off.
-
-    `leader` is the topic of the first leader's odometry; in a chain the follower may follow another
-    vehicle. `options` are those of `Node`.
-    """
+    """Record what one follower's nodes publish, from when the `leader` of that topic sets off."""
 
     def __init__(self, record: FollowRecord, scene: Scene, leader: str, **options: Any) -> None:
         super().__init__("recorder_node", **options)
@@ -109,10 +105,7 @@ class BagRecorderNode(Node):
 
 
 def refuse_other_runs(spaces: Sequence[str]) -> None:
-    """Raise ValueError where another run is on the network, before a node of ours publishes.
-
-    `spaces` are the namespaces of the followers.
-    """
+    """Raise ValueError where another run publishes on topics of the followers' namespaces."""
     lookout = rclpy.create_node("lookout")
     names = [f"{space}/{topic}" for space in spaces for topic in RUN]
     topics = [lookout.resolve_topic_name(name.lstrip("/")) for name in [*names, "leader/odometry"]]
@@ -163,16 +156,13 @@ def follow(
     """Run the demonstration in real time.
 
     - ros_args: ROS arguments for every node, such as a parameter file.
-    - duration_s: length of the run, s, from the moment when the leader sets off.
-    - on_tick: called five times a second with the first follower's record so far and the elapsed
-      time, s.
-    - fleet: the followers, each in its namespace; empty for one in none, with the parameters'
-      station.
+    - duration_s: length of the run, s, from when the leader sets off.
+    - on_tick: called at 5 Hz with the first follower's record so far and the elapsed time, s.
+    - fleet: the followers, each in its namespace; empty: one in none, at the parameters' station.
     - bag: an open one, which gets what the nodes publish.
-    - returned: a record for each follower, the longest time without a pose that the formation
-      control accepts, s, and whether a signal ended the run.
-    - ValueError: for a parameter or a scene that a node refuses, and where another run publishes on
-      the topics of this one.
+    - returned: a record for each follower, the formation control's ``light_timeout_s``, and whether
+      a signal ended the run.
+    - ValueError: where a node refuses a parameter or a scene, or another run has the same topics.
     """
     start(["--ros-args", *ros_args])
     executor = SingleThreadedExecutor()
@@ -192,8 +182,7 @@ def follow(
         if fleet:
             alone = Parameter("vehicles", value="leader"), Parameter("followers", value=len(fleet))
             options.append({"parameter_overrides": list(alone)})
-        # Vehicles come last, so that none moves before the nodes are there, and the leader's at the
-        # end.
+        # Vehicles come last, at the end the leader, so that none moves before the nodes are there.
         for vehicle_options in options:
             vehicles = VehiclesNode(**vehicle_options)
             executor.add_node(vehicles)

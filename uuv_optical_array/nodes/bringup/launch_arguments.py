@@ -47,13 +47,11 @@ FOLLOW = {
     "bag": ("", "folder of the record, a new one; without, rosbag2 names one by the time"),
     **COMMON,
 }
-# What follower.launch.py has instead.
-FOLLOWER = {
+FOLLOWER = {  # what follower.launch.py has instead
     **{name: ("false", FOLLOW[name][1]) for name in ("demo", "simulator")},
     "one_process": ("true", FOLLOW["one_process"][1]),
 }
-# Of a formation; the launch of each vehicle gets `EACH`.
-EACH = {
+EACH = {  # what the launch of each vehicle of a formation gets
     "scene": ("formation", SCENE),
     "one_process": ("true", "whether three nodes of each follower share a process, follower_node"),
     **COMMON,

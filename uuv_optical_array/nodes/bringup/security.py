@@ -1,8 +1,7 @@
 """What each process of the nodes may say and hear: a policy for SROS2.
 
 ``python -m uuv_optical_array.nodes.bringup.security`` prints the policy of the nodes as they run
-with its arguments, such as ``--ros-args -p use_imu:=true``. Each executable has its own enclave, in
-a namespace below that.
+with its arguments, such as ``--ros-args -p use_imu:=true``. Each executable has its own enclave.
 """
 
 import os
@@ -103,8 +102,7 @@ CLOCK = "/clock"  # which nodes hear that use simulated time
 def policy(processes: Mapping[str, Callable[[], Iterable[Node]]] = PROCESSES) -> str:
     """Return the policy that allows nodes what they declare, and no more, as XML.
 
-    `processes` has what makes the nodes of each executable; ROS has been started. One that lacks an
-    extra here has no enclave, and a line on standard error says so.
+    ROS has been started. An executable that lacks an extra is left out; standard error says so.
     """
     root = ElementTree.Element("policy", version=VERSION)
     space = _resolved("name").rpartition("/")[0]

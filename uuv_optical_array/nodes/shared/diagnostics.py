@@ -28,10 +28,7 @@ def publishers(node: Node, topic: str) -> list[str]:
 
 
 def several_publishers(node: Node, topic: str) -> str:
-    """Say who publishes on a topic that is to have one publisher; empty where only one does.
-
-    A node that was killed counts until the middleware misses it, some 20 s.
-    """
+    """Say who publishes on a topic where several do; a killed node counts for some 20 s more."""
     if node.count_publishers(topic) < 2:
         return ""
     return f"several publishers: {topic} of {' and '.join(publishers(node, topic))}; {SEPARATE}"
@@ -42,8 +39,7 @@ class Diagnostics:
 
     OK: answers and no refusal in the last period. WARN: at least one refusal, with the latest
     reason of each kind, lasting warnings, several publishers of a watched topic, stamps of another
-    clock, or no input. ERROR: the node cannot work until its set-up changes. STALE is what an
-    aggregator says of a silent node. The namespace of the node is the hardware's name.
+    clock, or no input. ERROR: the set-up must change. The hardware's name is the node's namespace.
     """
 
     def __init__(self, node: Node) -> None:
@@ -60,17 +56,13 @@ class Diagnostics:
         self._ends = deque([(self._heard_s, self.totals.copy())], maxlen=WINDOW)
         self._stamps_ns: list[int] = []
         self._ages_s: list[float] = []
-        # A node that waits for /clock says so.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # a node that waits for /clock says so
         self.timer = node.create_timer(PERIOD_S, self.publish, clock=steady)
 
     def answer(
         self, stamp_ns: int | None = None, values: Callable[[], Mapping[str, str]] = dict
     ) -> None:
-        """Note a message that was answered, by its stamp where it has one.
-
-        Figures of it are asked for only where it is the last before they are published.
-        """
+        """Note an answered message; `values` is called for the last before each publication."""
         self.totals["answered"] += 1
         self._values = values
         if stamp_ns is not None:
@@ -134,8 +126,7 @@ class Diagnostics:
             level, text = DiagnosticStatus.ERROR, self._failure
         events, window_s = self.totals["answered"] - before["answered"], max(now_s - since_s, 1e-9)
         values = {
-            # As diagnostic_updater names them.
-            "Events in window": str(events),
+            "Events in window": str(events),  # as diagnostic_updater names them
             "Events since startup": str(self.totals["answered"]),
             "Duration of window (s)": f"{window_s:.3f}",
             "Actual frequency (Hz)": f"{events / window_s:.3f}",

@@ -25,8 +25,7 @@ def listen(
 ) -> None:
     """Hand over each image of a topic while they are wanted, until SIGINT or SIGTERM.
 
-    `take` gets stamp, ns, and counts, shape ``(lamps side, side)``; its errors, and `Refused` for
-    an image that is not of the array, end the listening.
+    `take` gets stamp, ns, and counts, ``(lamps side, side)``. Its errors, or `Refused`, end this.
     """
     start(None)
     try:

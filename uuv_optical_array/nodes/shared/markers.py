@@ -19,10 +19,7 @@ PERIOD_S = 1.0
 
 
 class Shapes:
-    """Publish markers, and again each second to those who listen.
-
-    RViz keeps the error of a marker that came before its frame until the marker comes again.
-    """
+    """Publish markers each second, as RViz keeps the error of one that came before its frame."""
 
     def __init__(self, node: Node, publisher: FinitePublisher) -> None:
         self._publisher, self._shown = publisher, MarkerArray()

@@ -1,8 +1,7 @@
 """Between arrays and ROS messages; every message from outside is checked here.
 
 Inside of the package all axes are those of REP 103. A frame whose name ends in ``_ned`` or ``_frd``
-has forward (or north), right (or east) and down: what is published in such a frame is turned here
-by half a turn about x, and what comes in one is turned back.
+has forward (or north), right (or east) and down: here its messages get half a turn about x.
 """
 
 import math
@@ -68,10 +67,9 @@ def _fields(message_type: Any) -> list[tuple[str, bool, bool]]:
 class StampOrder:
     """Let stamps only move forward, and yet let a stream start anew.
 
-    A stamp that is not later than the newest is refused, however many such come late. Only where
-    two in a row advance and are more than `RESTART_NS` behind the newest was the clock set back,
-    or the newest a stray: the stream starts anew with the second. Where the clock is given, a stamp
-    that is `AHEAD_NS` ahead of it is refused, too, if the one before was not.
+    A stamp that is not later than the newest is refused. Only where two in a row advance, more than
+    `RESTART_NS` behind the newest, was the clock set back, or the newest a stray: the stream starts
+    anew. A stamp `AHEAD_NS` ahead of a given clock is refused, too, if the one before was not.
     """
 
     RESTART_NS, AHEAD_NS = 1_000_000_000, 300_000_000
@@ -181,8 +179,7 @@ def odometry_to_message(
 ) -> Odometry:
     """Pack a pose, and the twist of the frame that it places with its 6x6 covariance.
 
-    The twist is in the child frame, REP 103, m/s and rad/s, shape ``(6,)``; the message has it in
-    the axes that `body_beside` chooses.
+    The twist, m/s and rad/s, ``(6,)``, is in REP 103's axes; the message has those of the frame.
     """
     frame = body_beside(pose.header.frame_id, child_frame)
     message = Odometry(header=pose.header, pose=pose.pose, child_frame_id=frame)

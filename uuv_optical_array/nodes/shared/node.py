@@ -70,9 +70,8 @@ def subscribe(
 ) -> Subscription:
     """Create a subscription with sensor-data QoS that parameters can override.
 
-    The node's ``diagnostics`` tell where the topic has more than one publisher. With `newest` the
-    queue is longer, and of the messages that wait in it only the newest is served; the diagnostics
-    count the others.
+    The node's ``diagnostics`` tell where the topic has more than one publisher. With `newest` only
+    the newest of the messages that wait, in a longer queue, is served, and the others are counted.
     """
     take, qos = callback, qos_profile_sensor_data
     if newest:
@@ -95,8 +94,7 @@ def subscribe(
             if len(taken) == 1:
                 serve()
             elif not scheduled:
-                # Behind what the executor has to do already, so that at overload others have their
-                # turn between two messages.
+                # Others have their turn first, so that they do not starve at overload.
                 node.executor.create_task(serve)
 
     subscription = node.create_subscription(message_type, topic, take, copy(qos), **OVERRIDABLE)
@@ -109,8 +107,7 @@ def transform_publisher(
 ) -> Callable[[Header, str, Pose], None]:
     """Return a function that places a frame on ``/tf``, or one that does nothing.
 
-    It takes stamp and parent frame, the child frame, and the child's pose in the parent. A fixed
-    frame goes to ``/tf_static``, whose last message reaches those who listen later, too.
+    It takes the parent's header, the child frame and its pose; a fixed one goes to ``/tf_static``.
     """
     if not wanted:
         return lambda header, child_frame, pose: None
@@ -135,8 +132,7 @@ def transform_publisher(
 def start(args: list[str] | None) -> None:
     """Start ROS; ValueError for arguments or a parameter file that it cannot read."""
     try:
-        # Signals are for `spin`.
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)  # `spin` has them
     except RuntimeError as error:
         raise ValueError(" ".join(str(error).split())) from None
 
@@ -180,10 +176,7 @@ def fastest_executor() -> Executor:
 
 
 def run(make: Callable[[], Node | Iterable[Node]], args: list[str] | None = None) -> None:
-    """Run a node, or several in one thread, until it is interrupted.
-
-    A bad set-up ends it with one line and exit code 1.
-    """
+    """Run a node, or several in one thread; a bad set-up ends it with one line and exit code 1."""
     try:
         start(args)
         executor, made = fastest_executor(), make()

@@ -65,12 +65,10 @@ class Parameter:
 
 
 class Parameters:
-    """The parameters of a node: declared, checked, and read by name.
+    """The parameters of a node: declared, checked (ValueError), and read by name.
 
-    - node: the node that gets them.
-    - declarations: declaration by name; a start value out of its bounds is a ValueError.
-    - apply: called with the new values of a change before it takes effect. A ValueError refuses all
-      of it, so it must come before anything is taken over; its text reaches who sets them.
+    `apply` is called with the new values of a change before it takes effect. A ValueError refuses
+    all of it, so it must come before anything is taken over; its text reaches who sets them.
     """
 
     def __init__(

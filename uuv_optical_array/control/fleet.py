@@ -26,7 +26,10 @@ MOST_BY_LEADER = 3
 
 @dataclass(frozen=True)
 class Follower:
-    """One of a fleet, from 1; its station is in the frame of the lamp of `ahead`, 0: the leader."""
+    """One of a fleet, numbered from 1.
+
+    Its station is in the frame of the lamp of the follower `ahead`; 0 is the leader.
+    """
 
     number: int
     station_m: Place

@@ -20,7 +20,8 @@ newest. For every command while the light is not lost:
 
 So the minimum is kept, but for the latency of poses and vehicle, while the range errs by no more
 than `RANGE_STDS` of its published standard deviations and the leader does not come nearer by
-itself. A command of zero is rest in the water: without light a current carries the follower along.
+itself. A range that errs by more cannot be recognised. A command of zero is rest in the water:
+without light a current carries the follower along.
 
 A refused pose steers nothing, and where no other comes the follower stops. Beyond the minimum a
 pose is refused whose range may err by itself, which is all that the track says while the images are

@@ -25,7 +25,10 @@ GRAVITY_M_PER_S2 = 9.82  # as in von Benzon et al., 2022
 
 @dataclass(frozen=True)
 class WaveSettings:
-    """A regular wave, by its bounds below 0.142 of its length, where it breaks (Miche, 1944)."""
+    """A regular wave, and how deep below it the world's origin lies.
+
+    Within the bounds no wave is so steep that it breaks: 0.142 of its length (Miche, 1944).
+    """
 
     wave_height_m: Annotated[
         float, Quantity("height of the waves, from trough to crest; 0 for none", "m", 0, 3)

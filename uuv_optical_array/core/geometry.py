@@ -207,7 +207,10 @@ def pose_rate(pose: ArrayLike, twist: ArrayLike, roll: float) -> Array:
 
 
 def turned_on_mount(pose: Array, roll: float, bow_m: float) -> Array:
-    """Return the slope of a pose by pitch and yaw of the array on its mount at `bow_m`, (5, 2)."""
+    """Return the slope of a pose, as it appears, by turns of the array on its mount, ``(5, 2)``.
+
+    The array turns in pitch and yaw about a point `bow_m` ahead of ``base_link``.
+    """
     pitch, yaw = float(pose[PITCH]), float(pose[YAW])
     # The array stays in place, so the vehicle appears to swing about it.
     swing = [(bow_m * above, -bow_m * aside) for _, aside, above in rotation(pitch, yaw, roll)]
@@ -216,7 +219,10 @@ def turned_on_mount(pose: Array, roll: float, bow_m: float) -> Array:
 
 
 def turned_about_lamp(pose: Array) -> Array:
-    """Return the slope of a pose, which seems to turn back, by turns of the lamp, ``(5, 2)``."""
+    """Return the slope of a pose, as it appears, by turns of the lamp's axis, shape ``(5, 2)``.
+
+    The lamp turns in pitch and yaw of the beacon, so all that it lights appears to turn back.
+    """
     x, y, z, pitch, yaw = map(float, pose)
     by_pitch = (-z, 0.0, x, -math.cos(yaw), -math.tan(pitch) * math.sin(yaw))
     return np.array([by_pitch, (y, -x, 0.0, 0.0, -1.0)]).T

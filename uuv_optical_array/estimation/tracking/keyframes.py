@@ -4,9 +4,9 @@ A filter that learns constants keeps each frame linearised at the constants of i
 error stays. So frames from new places become keyframes, which keep their images. They are
 linearised anew as the biases become known better, each where the track expected it before its image
 came, moved with the biases: at a place that its own noise chose, slopes and noise would be
-correlated, which biases what is learnt. Their poses are free; what these leave fits the biases by
-Gauss and Newton. Far from the likely biases linear images misjudge the likelihood, so steps are
-halved until the next is shorter in standard deviations, not until likelihood grows.
+correlated, which biases what is learnt, the same in each frame. Their poses are free; what these
+leave fits the biases by Gauss and Newton. Far from the likely biases linear images misjudge the
+likelihood, so steps are halved until the next is shorter in standard deviations.
 
 A place is new where it is farther from the last one than one image tells places apart. Frames of
 the same place share the error of the place at which they are linearised, and would teach the biases

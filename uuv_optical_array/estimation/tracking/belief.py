@@ -124,14 +124,14 @@ class BiasSpace:
         by_constants = slopes[..., 5:] * self.stds[self.constants]
         by_gains = (white * readings.light)[..., None] * self._by_gains
         by_learnt = np.concatenate([by_constants, by_gains], axis=-1)
-        columns = (white * readings.residuals)[..., None], slopes[..., :5], by_learnt
-        rows = np.concatenate(columns, axis=-1)
+        parts = [(white * readings.residuals)[..., None], slopes[..., :5], by_learnt]
         if self._shade_rest.size:
             shades = (white * readings.light)[..., None] * self._shade_rest
             basis, sizes, _ = np.linalg.svd(shades, full_matrices=False)
-            kept = 1 / np.sqrt(1 + sizes**2)[..., None]
-            rows += basis @ ((kept - 1) * (basis.swapaxes(-1, -2) @ rows))
-        return rows[..., 0], rows[..., 1:6], rows[..., 6:]
+            less = 1 / np.sqrt(1 + sizes**2)[..., None] - 1
+            parts = [part + basis @ (less * (basis.swapaxes(-1, -2) @ part)) for part in parts]
+        residuals, by_pose, by_learnt = parts
+        return residuals[..., 0], by_pose, by_learnt
 
 
 def triangular(root: Array) -> Array:

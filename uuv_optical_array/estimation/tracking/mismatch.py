@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
-from uuv_optical_array.estimation.unknowns.constants import REST_OF_SHADE, Constants
+from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.prior import POWER, of_lamp, shade_modes
 
 MOST_TESTED = 49  # detectors
@@ -59,7 +59,8 @@ class LastingResiduals:
         modes = shade_modes(side)
         self._prior = np.diag(np.square([*constants.stds, *[gain] * side**2, 0.0]))
         if constants.names_shades:
-            self._prior[q : q + side**2, q : q + side**2] += REST_OF_SHADE**2 * modes.T @ modes
+            rest = constants.shade_rest[: side**2]
+            self._prior[q : q + side**2, q : q + side**2] += rest @ rest.T
             # A cloud may dim one of several lamps for long.
             powers = {of_lamp(i, "power") for i in range(constants.lamps)}
             own = [k for k, name in enumerate(constants.names) if name in powers]

@@ -18,7 +18,7 @@ import math
 import os
 import platform
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
@@ -178,35 +178,30 @@ def _no_calibration(image: ArrayLike) -> Array:
 
 
 def measure(
-    scene: Scene, settings: Iterable[Setting], frames: int, seed: int
+    scene: Scene, settings: Sequence[Setting], frames: int, seed: int
 ) -> Iterator[Measurement]:
-    """Measure the settings of one array and one table; each sees the same images."""
-    yardstick, table, build_s = ForwardModel(scene), None, math.nan
+    """Measure settings of one array and one table, which all see the same images."""
+    yardstick, first, table, build_s = ForwardModel(scene), settings[0], None, math.nan
+    scene = first.scene(scene)
+    model = ForwardModel(scene)
+    rng = np.random.default_rng([seed, first.detectors_per_side, SHAPES.index(first.shape)])
+    poses = working_volume.lit_poses(model, frames, rng)
+    images, bound = model.expose(poses, rng), cramer_rao_bound(model, poses)
+    floor, rms = working_volume.known_volume_std(bound.information), errors.position_and_angle
     for setting in settings:
-        own = setting.scene(scene)
-        model = ForwardModel(own)
-        seeds = [seed, setting.detectors_per_side, SHAPES.index(setting.shape)]
-        rng = np.random.default_rng(seeds)
-        poses = working_volume.lit_poses(model, frames, rng)
-        images = model.expose(poses, rng)
         began = time.perf_counter()
         if setting.method not in METHODS:
-            answer, rows = _published(own, setting.method, rng)
+            answer, rows = _published(scene, setting.method, rng)
             build_s = time.perf_counter() - began
         else:
             if table is None:
-                table = build_table(own)
+                table = build_table(scene)
                 build_s = time.perf_counter() - began
-            answer, rows = (
-                errors.answer_of(Estimator(table, setting.method).wait()),
-                len(table.poses),
-            )
+            answer = errors.answer_of(Estimator(table, setting.method).wait())
+            rows = len(table.poses)
         result = errors.frame_errors(answer, yardstick, poses, images, range(frames))
         if len(result.errors) < frames:
             raise KeyboardInterrupt  # cut short, so no measurement
-        bound = cramer_rao_bound(model, poses)
-        floor = working_volume.known_volume_std(bound.information)
-        rms = errors.position_and_angle
         off = *rms(result.errors[result.posed]), *rms(bound.std), *rms(floor)
         times = *result.frame_ms, result.model_ms, result.frame_ms[0] / result.model_ms, build_s
         without = float((~result.posed).mean())
@@ -215,11 +210,10 @@ def measure(
 
 def measure_all(scene: Scene, mode: Mode) -> tuple[list[Measurement], bool]:
     """Measure the settings of a mode, and say whether all are there, or Ctrl-C ended it early."""
-    rounds = progress.over(plan(scene, mode), "setting")
-    groups = (group for _, group in groupby(rounds, lambda setting: setting[1:]))
-    return until_interrupted(
-        row for group in groups for row in measure(scene, group, FRAMES[mode], SEED)
-    )
+    settings = plan(scene, mode)
+    groups = groupby(settings, lambda setting: setting[1:])
+    rows = (row for _, group in groups for row in measure(scene, [*group], FRAMES[mode], SEED))
+    return until_interrupted(progress.over(rows, "setting", total=len(settings)))
 
 
 def fronts(rows: Sequence[Measurement]) -> dict[str, list[Measurement]]:

@@ -334,8 +334,9 @@ def run(args: argparse.Namespace) -> int:
     poses = lit_poses(model, count, rng)
     result: dict[str, Any]
     if compared:
-        cases, by = by_known(scene), "how well the sea is known"
-        if args.lamps:
+        if args.known:
+            cases, by = by_known(scene), "how well the sea is known"
+        else:
             cases, by = by_lamps(scene), "number of lamps of the same total power"
         rows, complete = until_interrupted(compare(cases, poses, seed))
         result = {"poses": count, compared: rows, "picture": str(picture)}

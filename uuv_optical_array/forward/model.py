@@ -41,7 +41,9 @@ from uuv_optical_array.forward.prior import (
     RADIUS,
     ROLL,
     SCATTERING,
+    SHADES,
     of_lamp,
+    shade_modes,
     unknown_forms,
 )
 from uuv_optical_array.forward.scene import Scene
@@ -116,8 +118,10 @@ class ForwardModel:
         self._unknown = {name: unknown[name] for name in unknown if name not in {*named, *known}}
         lamps = range(len(scene.lamps))
         for i, own in zip(lamps, np.eye(len(lamps)), strict=True):
-            name = of_lamp(i, OWN_POWER)
-            self._unknown[name] = Shade(np.repeat(own, self.array.side**2), nuisance=name)
+            modes = np.vstack([np.ones(self.array.side**2), shade_modes(self.array.side)])
+            for setting, mode in zip((OWN_POWER, *SHADES), modes, strict=True):
+                name = of_lamp(i, setting)
+                self._unknown[name] = Shade(np.kron(own, mode), nuisance=name)
         if self._of(forms.Scattering):
             named.append(SCATTERING)
         geometry = [of_lamp(i, setting) for i in lamps for setting in OWN_GEOMETRY]

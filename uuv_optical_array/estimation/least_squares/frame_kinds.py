@@ -104,8 +104,11 @@ def frame_kinds(model: ForwardModel, pose_mean: Array, pose_std: Array) -> list[
         gain_std = known.gain_std_in(light)
         if light.cloud and model.scene.lamps:
             # On its way from each lamp the light is shaded otherwise.
-            powers = [of_lamp(i, OWN_POWER) for i in range(model.scene.lamp_count)]
-            stds |= {name: math.hypot(stds.get(name, 0.0), light.depth) for name in powers}
+            for i in range(model.scene.lamp_count):
+                power = of_lamp(i, OWN_POWER)
+                stds[power] = math.hypot(stds.get(power, 0.0), light.depth)
+                stds |= {of_lamp(i, mode): stds[mode] for mode in SHADES}
+            stds = {name: std for name, std in stds.items() if name not in SHADES}
             gain_std = math.hypot(gain_std, light.depth * SHADE_DECAY)
         names = list(stds)
         given = [name for name in constants if name not in stds]

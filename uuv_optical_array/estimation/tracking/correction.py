@@ -37,7 +37,7 @@ from uuv_optical_array.forward.prior import SHADE_DOUBT
 # as long as the shade lasts; the rest is white, so that the track follows the motion.
 SHADE_SHARE = 0.9 / SHADE_DOUBT
 # The white rest is alike in consecutive frames: this many count as one.
-CORRELATED_FRAMES = 4.0
+CORRELATED_FRAMES = 7.0
 # Where constants are not known, poses without readings are of images that are not linear, as from
 # afar. What makes them broad is mostly their shape, not noise, and that is the same in all frames.
 BROAD_SHARE = 0.75

@@ -318,7 +318,7 @@ def test_a_frame_that_the_core_refuses_gets_no_pose_and_the_next_one_does(shower
     shower.show(images[0], 1)
     seconds, answered = itertools.count(2), [1]
     for image, of_signature, times, words in (
-        (images[0], images[0], 6, "frozen: the frame is the same as the one before"),
+        (images[0], images[0], 6, "frozen: the frame is the same as one of the 32 before"),
         (images[1], images[2], 1, "another image: peak is"),  # two exposures under one stamp
         (np.ones((4, 4)), images[0], 1, "wrong size: 4 x 4"),
     ):

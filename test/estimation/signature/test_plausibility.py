@@ -14,6 +14,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.plausibility import (
     FROZEN,
+    REMEMBERED,
     FrozenFrames,
     bounds,
     check_image,
@@ -161,15 +162,33 @@ def test_honest_frames_at_rest_are_not_frozen_and_a_break_starts_anew():
     frozen = FrozenFrames(model)
     for frame in frames:
         hold(frozen, frame)
-    few = np.zeros((5, 5))
+    few, frozen = np.zeros((5, 5)), FrozenFrames(model)
     few[2, 1:3] = 300.0, 310.0
     for _ in range(9):  # one more would be frozen
         hold(frozen, few)
     hold(frozen, frames[0])
-    for _ in range(9):
+    for _ in range(11):  # now it may be either of two that repeats
         hold(frozen, few)
     with pytest.raises(NoPose, match=r"^frozen: .* chance of 1e-10"):
         hold(frozen, few)
+
+
+def test_frames_that_come_round_again_are_frozen_and_readings_that_often_repeat_are_not():
+    model, rng = ForwardModel(SCENES[5]), np.random.default_rng(6)
+    frames = model.expose(np.tile([-6.0, 0, 0, 0, 0], (REMEMBERED + 1, 1)), rng)
+    looped = FrozenFrames(model)
+    for frame in frames[1:]:
+        hold(looped, frame)
+    with pytest.raises(NoPose, match=r"^frozen: "):
+        hold(looped, frames[1])
+    longer = FrozenFrames(model)
+    for frame in np.tile(frames, (3, 1, 1)):  # a loop longer than what is remembered
+        hold(longer, frame)
+    # Two lit detectors give few images, of which one of so many before comes often.
+    few, at_rest = np.zeros((5, 5)), FrozenFrames(model)
+    few[2, 1:3] = 300.0, 310.0
+    for frame in few + np.rint(rng.standard_normal((3000, 5, 5))) * (few > 0):
+        hold(at_rest, frame)
 
 
 def test_key_parameters_depend_on_the_profiles_through_their_peak():

@@ -7,6 +7,7 @@ Wilkins, *A note on skewness and kurtosis*, Ann. Math. Statist. 15, 1944).
 """
 
 import math
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -20,6 +21,7 @@ from uuv_optical_array.forward.scene import Scene
 
 ROUNDING = 1e-6  # relative: ten times that of a float32, in which features may have been passed on
 FROZEN = 1e-9  # chance of honest frames to repeat, below which they do not
+REMEMBERED = 32  # frames: a driver that hangs may send its last buffer again and again
 
 
 def bounds(scene: Scene) -> Array:
@@ -75,13 +77,14 @@ class FrozenFrames:
 
     Two readings of the same light are the same count with a probability of at most the integral of
     their noise's squared density, ``1 / (2 sqrt(pi) sigma)``; a reading at 0 or at full scale may
-    repeat for ever. The probabilities of all readings, and of frames that repeat one after the
-    other, multiply. So a scene without noise, and a dark or saturated image, may repeat.
+    repeat for ever. The probabilities of all readings multiply, for any of the frames that are
+    remembered, and so do those of frames that repeat one after the other. So a scene without noise,
+    and a dark or saturated image, may repeat.
     """
 
     def __init__(self, model: ForwardModel) -> None:
         self._model = model
-        self._before: Array = np.zeros(0)
+        self._before: deque[bytes] = deque(maxlen=REMEMBERED)
         self._log_chance = 0.0
 
     def check(self, frame: Array, readings: Callable[[], Array]) -> None:
@@ -89,16 +92,18 @@ class FrozenFrames:
 
         The readings that it depends on, measured or expected, are asked where it repeats.
         """
-        repeats = np.array_equal(frame, self._before)
-        self._before = np.array(frame)
+        content = np.asarray(frame, dtype=float).tobytes()
+        repeats = content in self._before
+        self._before.append(content)
         if not repeats:
             self._log_chance = 0.0
             return
-        self._log_chance += self.log_chance(readings())
+        any_of = math.log(len(set(self._before)))
+        self._log_chance += min(0.0, self.log_chance(readings()) + any_of)
         if self._log_chance < math.log(FROZEN):
             raise NoPose(
-                "frozen: the frame is the same as the one before, whose noise repeats with a "
-                f"chance of 1e{self._log_chance / math.log(10):.0f}"
+                f"frozen: the frame is the same as one of the {REMEMBERED} before, whose noise "
+                f"repeats with a chance of 1e{self._log_chance / math.log(10):.0f}"
             )
 
     def log_chance(self, readings: Array) -> float:

@@ -89,6 +89,16 @@ def test_no_pose_is_impossible_for_a_vehicle(pose, possible):
     assert np.isfinite(state.cost) == possible
 
 
+@pytest.mark.parametrize("pitch_deg", [-70, 62, 65, 75])
+def test_a_follower_that_is_steeper_than_any_fit_gets_no_false_pose(estimator, pitch_deg):
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(5)
+    poses = rng.uniform([-7, -0.5, -0.5, 0, 0], [-4, 0.5, 0.5, 0, 0], (15, 5))
+    poses[:, 3] = np.radians(pitch_deg)
+    for pose, image in zip(poses, model.expose(poses, rng), strict=True):
+        with suppress(NoPose):
+            assert (distance(estimator, image, pose) < 6).all(), pose
+
+
 def test_a_frame_from_beside_the_lamp_is_right_or_wide_or_refused(estimator):
     model, rng = ForwardModel(estimator.scene), np.random.default_rng(8)
     poses = rng.uniform([-3, -0.5, -0.5, -0.35, -0.35], [-0.8, 0.5, 0.5, 0.35, 0.35], (60, 5))

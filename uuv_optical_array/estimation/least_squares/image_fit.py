@@ -14,7 +14,14 @@ from scipy.linalg import block_diag
 from scipy.special import chdtrc, ndtr, ndtri
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import DOF_NAMES, Array, X, turned_about_beam, wrapped
+from uuv_optical_array.core.geometry import (
+    DOF_NAMES,
+    PITCH,
+    Array,
+    X,
+    turned_about_beam,
+    wrapped,
+)
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimate import Estimate
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
@@ -35,7 +42,7 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import (
     mixture,
 )
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel, LinearModels
-from uuv_optical_array.estimation.least_squares.problem import UNUSUAL, Problem
+from uuv_optical_array.estimation.least_squares.problem import STEEPEST, UNUSUAL, Problem
 from uuv_optical_array.estimation.signature import features
 from uuv_optical_array.estimation.signature.features import lifted, scene_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
@@ -68,6 +75,8 @@ CLEAR = 0.99  # probability beyond which an image counts as one that nothing sha
 # By several lamps all but clear frames are so many times as frequent in the moments of the pose, as
 # a shade may look like another pose, and the shares are a choice.
 OFTEN = 3.0
+# So near to the steepest pitch, rad, a fit may have stopped there on its way to a steeper one.
+AT_STEEPEST = 0.03
 # Probability that a lamp is off or hidden, and chance of noise from which a dark one may be.
 LAMP_OFF, LIKELY_DARK = 1e-3, 1e-3
 
@@ -387,3 +396,8 @@ class ImageFit:
             )
         if result.outcome != FITTED:
             raise NoPose("no fit: the image leaves the pose without a covariance")
+        if abs(result.best[PITCH]) > STEEPEST - AT_STEEPEST:
+            raise NoPose(
+                f"no fit: the follower would pitch by {math.degrees(result.best[PITCH]):.0f} deg, "
+                f"and fits go to {math.degrees(STEEPEST):.0f} deg"
+            )

@@ -277,7 +277,8 @@ class Tracker:
             return fused if fused.by_readings == state.by_readings else self._start(frame, state)
         rival = self._fused(state.rival, frame) if state.rival else None
         if rival is None or rival.distance > self._gate:
-            rival = self._start(frame, state)
+            # What was learnt of the constants may be what is wrong, as where the lamp dims.
+            rival = self._start(frame, None)
         if rival.frames >= self._settings.reacquire_frames:
             return rival
         return replace(state, rival=rival, outlier=fused.distance)

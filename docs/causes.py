@@ -6,9 +6,7 @@ What to do about each stands in ``uuv_optical_array/nodes/shared/reasons.py``.
 _OLD_CLOCK = "The stamps come from another clock than the node's."
 
 CAUSES = {
-    "no light": (
-        "No detector reads `min_peak_counts`: the lamp is off, out of sight or too far away."
-    ),
+    "no light": "No detector reads `min_peak_counts`: the lamp is off, hidden or too far away.",
     "no pattern": (
         "All detectors read the same, dark or full scale: lamp too near, array shorted, daylight."
     ),
@@ -24,20 +22,18 @@ CAUSES = {
         "No pose explains it: another lamp or sea, daylight, dirty, dead or mirrored detectors."
     ),
     "outlier": (
-        "The pose is too far from the track: a reflection, or a manoeuvre that is too fast for it."
+        "The pose is too far from the track: a reflection, or a manoeuvre too fast for it."
     ),
     "too uncertain": (
         "The range is too uncertain to steer by: images not of the scene (`mismatch`), or dark."
     ),
     "late frame": (
-        "It came after a newer one. Its pose is not published, but tracked if within `buffer_s`."
+        "It came after a newer one; its pose is not published, but tracked if within `buffer_s`."
     ),
     "repeated stamp": "Two frames have one stamp.",
-    "stamp not later": (
-        "The stamp is not later than the one before: repeated, or in the wrong order."
-    ),
+    "stamp not later": "The stamp is repeated or in the wrong order.",
     "stamp ahead": "The stamp is ahead of the clock, and the one before was not.",
-    "wrong frame": "A track is not in `beacon_frame`: it is not of this estimator.",
+    "wrong frame": "A track is not in `beacon_frame`.",
     "no image": "Key parameters came, and no image with their stamp.",
     "no table": "The signature table could not be read.",
     "no roll": "No `imu` message is near the image in time.",
@@ -61,30 +57,24 @@ CAUSES = {
     "no leader pose at the follower's stamp": "Its odometry has a gap or begins later.",
     "frames differ": "The odometries are in two frames.",
     "no input": "Nothing came that the node could answer.",
-    "several publishers": (
-        "Two nodes publish on a topic that must have one publisher: two runs are mixed."
-    ),
+    "several publishers": "Two nodes publish on one topic, as where two runs are mixed.",
     "mismatch": (
-        "Many images together differ from the scene by more than its prior allows; the text names"
-        " the best explanation. The track is then so uncertain that the follower stops."
+        "Many images together differ from the scene by more than its prior allows, best explained"
+        " by what the text names. The track is then so uncertain that the follower stops."
     ),
     "old stamps": _OLD_CLOCK,
     "future stamps": _OLD_CLOCK,
     "no clock": "The node waits for simulated time.",
     "zero stamp": "A message has no stamp.",
-    "dark lamp": "One of several lamps is dark, though by the pose of the others it should show.",
+    "dark lamp": "One of several lamps is dark, though by the pose it should show.",
     "faulty detector": (
         "A detector is dead, stuck, dirty or in a glint. The pose is that of the others."
     ),
     "not engaged": (
         "`formation_node` was told to steer nothing, by `~/engage` or by `start_engaged`."
     ),
-    "follower waits": (
-        "The demonstration's follower is alone and starts behind the leader that it finds."
-    ),
-    "leader waits": (
-        "The demonstration's leader waits for a follower's first command, or its compiled fit."
-    ),
+    "follower waits": "The demonstration's follower is alone and waits for a leader.",
+    "leader waits": "The demonstration's leader waits for its followers.",
     "table": "The folder of the signature table is missing, damaged or of another scene.",
     "scene": "No pose of its table has light.",
 }

@@ -299,10 +299,10 @@ def topics() -> list[str]:
     return [
         "# Topics",
         "Names are relative and can be remapped. Publishers are reliable, subscriptions have "
-        "sensor-data QoS, and `qos_overrides` parameters change both. Every node also "
-        "publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz; those with the "
-        "parameter `publish_tf` publish `/tf` on request. `<n>` counts the followers of a leader "
-        "alone. In the drawing a filled mark publishes and an open one subscribes.",
+        "sensor-data QoS; `qos_overrides` parameters change both. Every node also publishes "
+        "`/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz; those with the parameter "
+        "`publish_tf` publish `/tf` on request. `<n>` counts the followers of a leader alone. In "
+        "the drawing filled marks publish and open ones subscribe.",
         "![Nodes and topics](../pictures/nodes.svg)",
         table(("topic", "type", "published by", "subscribed by"), rows),
         "`array/image` is mono16, counts; row 0 is the top, column 0 the port edge. "
@@ -322,9 +322,9 @@ def diagnostics() -> list[str]:
     """Return the page of the texts that nodes show."""
     parts = [
         "# Diagnostics",
-        "Every text that a node can show on `/diagnostics`, by its beginning, with its cause and, "
-        "in italics, its cure; [operations](../how_to/operations.md) says where to begin. A text "
-        "may begin with the topic that it is about, and a comma.",
+        "The texts on `/diagnostics`, by their beginning, each with its cause and, in italics, its "
+        "cure; [operations](../how_to/operations.md) says where to begin. The topic and a comma "
+        "may stand before a text.",
     ]
     for heading, kinds in (
         ("Refused messages", reasons.REFUSALS),
@@ -335,8 +335,8 @@ def diagnostics() -> list[str]:
     return [
         *parts,
         "## Values",
-        "Counts are since the start; all else is of the last message that was answered, or of the "
-        "last second. The nodes are in brackets.",
+        "Counts are since the start, all else is of the last answered message or the last second. "
+        "The nodes are in brackets.",
         "\n".join(f"- {names} ({of}): {meaning}" for names, of, meaning in VALUES),
     ]
 
@@ -446,8 +446,7 @@ def scene() -> list[str]:
         "# Scene files",
         "A scene is a YAML 1.2 file with the groups below and [`effects`](effects.md). Keys carry "
         "their unit, and are shown with their default and, in brackets, their values; one without "
-        "a default must be given, except where its meaning says when. What is unknown or out of "
-        "bounds is refused by name.",
+        "a default must be given, except where its meaning says when.",
         "## `extends`",
         "The scene that this one changes: a ready one, or a file, whose path leads from this one's "
         "folder. Mappings are merged, a list or value replaces the other scene's, and `null` takes "
@@ -471,10 +470,12 @@ def scene() -> list[str]:
         ]
     parts += [
         "## Ready scenes",
-        "`uuv_array scenes` lists them with their key figures; comments in `config/scenes/` give "
-        "the source of each value.",
+        "Here is when to use which. `uuv_array scenes` lists their key figures; comments in "
+        "`config/scenes/` give the source of each value.",
     ]
-    lines = [f"- `{name}`: {sentence(scene_file(name))}" for name in ready_scenes()]
+    lines = [
+        f"- `{name}`: {sentence(scene_file(name)).removeprefix('Use ')}" for name in ready_scenes()
+    ]
     return [*parts, "\n".join(lines)]
 
 
@@ -483,8 +484,8 @@ def effects() -> list[str]:
     parts = [
         "# Effects",
         "Only the effects that a scene names are simulated, in this physical order. "
-        "[Light and noise](../explanation/light.md#effects) says what the forms in brackets are, "
-        "and which settings exclude each other. Settings are shown with their default and, in "
+        "[Light and noise](../explanation/light.md#effects) explains the forms in brackets, and "
+        "which settings exclude each other. Settings are shown with their default and, in "
         "brackets, their values; one without a default must be given, except where there are "
         "several ways.",
     ]
@@ -504,9 +505,8 @@ def mismatches() -> list[str]:
     parts = [
         "# Kinds of mismatch",
         "How the sea can differ from the scene, as `uuv_array study robustness` "
-        "[measures it](../results/robustness.md), and below each group what to do about it. The "
-        "number in brackets is the mismatch in standard deviations of a prior that is "
-        "`known: calibrated`.",
+        "[measures it](../results/robustness.md), and in italics what to do about it. In brackets "
+        "is the mismatch in standard deviations of the prior `known: calibrated`.",
     ]
     for cure in dict.fromkeys(kind.cure for kind in KINDS):
         alike: dict[str, list[Kind]] = {}
@@ -524,7 +524,7 @@ def mismatches() -> list[str]:
             words = zip(*(NUMBER.split(kind.what) for kind in kinds), strict=True)
             what = "".join(" or ".join(dict.fromkeys(word)) for word in words)
             lines.append(f"- {', '.join(names)}: {what}")
-        parts += ["\n".join(lines), f"**To do:** {cure}"]
+        parts += ["\n".join(lines), f"*{cure}*"]
     return parts
 
 
@@ -532,13 +532,11 @@ def api() -> list[str]:
     """Return the page of the public names."""
     names = [name for name in uuv_optical_array.__all__ if name != "__version__"]
     found = {name: getattr(uuv_optical_array, name) for name in names}
-    lines = [f"- `{name}`: {first_sentence(thing.__doc__)}" for name, thing in found.items()]
     parts = [
         "# Python API",
-        "What `import uuv_optical_array` offers. Poses are x, y, z in m and pitch, yaw in rad, of "
-        "the follower in the frame of the lamp; images are counts, row 0 at the top and column 0 "
-        "at the port edge.",
-        "\n".join(lines),
+        "What `import uuv_optical_array` offers, as `help(NAME)` prints it. Poses are x, y, z in m "
+        "and pitch, yaw in rad, of the follower in the frame of the lamp; images are counts, row 0 "
+        "at the top and column 0 at the port edge.",
     ]
     lines = ["```{eval-rst}"]
     for name, thing in found.items():

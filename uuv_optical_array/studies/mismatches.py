@@ -335,10 +335,7 @@ K_CURE = "Measure K where the vehicles dive or calibrate there; widen `prior.k_s
 SEA_CURE = K_CURE.replace("K where", "the water where").replace("k_std_per_m", "scattering_std")
 BEAM_CURE = "Calibrate the lamp that is mounted; a diffuser that ages widens the beam."
 AMBIENT_CURE = "Measure the array with the lamp off and set `effects.ambient`, or shield it."
-GRADIENT_CURE = (
-    f"{AMBIENT_CURE} In one image a slope looks like a turn of the follower; a track learns it "
-    "while the range changes, and its covariance says how well."
-)
+GRADIENT_CURE = f"{AMBIENT_CURE} A track learns the slope while the range changes."
 LAMP_CURE = "Cover or switch off other lamps that the array sees, or modulate the leader's."
 CARRIER_CURE = "Give each leader carriers of its own, at least 50 Hz from all others."
 GAIN_CURE = "Calibrate the gains by `uuv_array calibrate`; clean the windows."
@@ -422,8 +419,7 @@ KINDS = (
             SHADE_CURE, (0.02, 0.05, 0.1)),
     *_kinds("half_shadow", half_shadow, "Half of the array lies in a hard shadow.", SHADE_CURE),
     *_kinds("rolled_{by:g}", lambda sea, by: sea.model.light(sea.poses, np.radians(by)),
-            "The follower is rolled by {by:g} deg, and the estimator is not told. By one lamp the "
-            "image is that of a level follower turned about the beam, so that nothing in it tells.",
+            "The follower is rolled by {by:g} deg, which one lamp does not show.",
             "Set `use_imu` and connect the vehicle's IMU.", (15.0,)),
     *_kinds("aim_{by:g}", turned_mount, "The array is turned by {by:g} deg on its mount.",
             "Align the array on its mount, or calibrate after each time that it was taken off.",

@@ -22,6 +22,7 @@ from contextlib import closing
 import numpy as np
 
 from uuv_optical_array.cli import bag, options, outputs, progress
+from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, wrapped
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.estimator import Estimator
@@ -47,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
     output = outputs.folder_to_write(
         args.output or f"{args.bag.absolute().stem}_estimates", "--output", new=True
     )
+    needs("bags", "mcap.writer")  # before all is estimated, not after
     scene = options.scene_of(args)
     recording = bag.read_bag(args, scene, poses_needed=False)
     estimator = Estimator(scene, args.method).wait()

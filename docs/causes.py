@@ -14,7 +14,7 @@ CAUSES = {
     "not five finite numbers": "These are no key parameters.",
     "not of this array": "A key parameter is impossible for an array of the scene's size.",
     "another image": "The key parameters are not those of the image with their stamp.",
-    "frozen": "The same readings come again with new stamps, down to their noise.",
+    "frozen": "The readings of one of the last 32 frames come again, down to their noise.",
     "no match": (
         "No signature is within `max_angle_rad`: beyond the table, or the sea is not the scene."
     ),

@@ -117,6 +117,21 @@ def test_a_dim_sea_that_is_hardly_moved_in_gets_no_sharp_and_wrong_track(estimat
     assert np.mean(squares[80:]) < 5 + 2.5**2
 
 
+def test_a_track_that_outliers_begin_anew_believes_nothing_that_it_learnt(estimator):
+    # What changed may be a constant, and not the place.
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(4)
+    pipeline, poses = Pipeline(estimator), course(np.arange(210) / 10, 60.0, rng)
+    poses[200:, 1] += 1.0
+    answers = [
+        pipeline.answer((k + 1) * 100_000_000, model.read(model.light(pose), rng))
+        for k, pose in enumerate(poses)
+    ]
+    first = next(answer.track for answer in answers[200:] if answer.track)
+    learnt = answers[199].track.constants[POWER].std
+    assert first.frames < 10
+    assert first.constants[POWER].std > 1.2 * learnt
+
+
 @pytest.mark.parametrize(
     ("array", "range_m", "linear"),
     [

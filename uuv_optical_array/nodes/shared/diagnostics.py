@@ -98,9 +98,9 @@ class Diagnostics:
 
     def fail(self, reason: str) -> None:
         """Note what keeps the node from working at all; an empty text is a recovery."""
-        self._failure = reason
-        if reason:
+        if reason and reason != self._failure:
             self._node.get_logger().error(reason)
+        self._failure = reason
 
     def watch(self, topic: str) -> None:
         """Warn whenever a topic has more than one publisher."""
@@ -113,6 +113,8 @@ class Diagnostics:
             self.totals[name] - last[name] for name in ("answered", "passed_over")
         )
         mixed = [several_publishers(self._node, topic) for topic in self._watched]
+        for reason in filter(None, mixed):
+            self._node.get_logger().warning(reason, throttle_duration_sec=30.0)
         told = self._failure, *self._warnings, *mixed, *self._refusals.values(), self._clock()
         reasons = list(filter(None, told))
         if answered or self._refusals:

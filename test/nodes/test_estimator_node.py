@@ -329,8 +329,7 @@ def test_a_frame_that_the_core_refuses_gets_no_pose_and_the_next_one_does(shower
         shower.lab.report(shower.node, WARN, words)
         answered.append(next(seconds))
         shower.show(images[len(answered)], answered[-1])
-    shower.show(images[0], next(seconds))  # no longer one after the other
-    assert shower.seconds_answered() == [*answered, answered[-1] + 1]
+    assert shower.seconds_answered() == answered
 
 
 def test_the_feature_node_alone_decides_what_is_too_dim(shower, scene):

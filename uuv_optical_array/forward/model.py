@@ -116,9 +116,9 @@ class ForwardModel:
         named += [form.nuisance for kind in (Background, Gain) for form in self._of(kind)]
         unknown = unknown_forms(self.array.side)
         self._unknown = {name: unknown[name] for name in unknown if name not in {*named, *known}}
-        lamps = range(len(scene.lamps))
+        lamps, side = range(len(scene.lamps)), self.array.side
+        modes = np.vstack([np.ones(side**2), shade_modes(side)])
         for i, own in zip(lamps, np.eye(len(lamps)), strict=True):
-            modes = np.vstack([np.ones(self.array.side**2), shade_modes(self.array.side)])
             for setting, mode in zip((OWN_POWER, *SHADES), modes, strict=True):
                 name = of_lamp(i, setting)
                 self._unknown[name] = Shade(np.kron(own, mode), nuisance=name)

@@ -75,8 +75,8 @@ CLEAR = 0.99  # probability beyond which an image counts as one that nothing sha
 # By several lamps all but clear frames are so many times as frequent in the moments of the pose, as
 # a shade may look like another pose, and the shares are a choice.
 OFTEN = 3.0
-# So near to the steepest pitch, rad, a fit may have stopped there on its way to a steeper one.
-AT_STEEPEST = 0.03
+# Pitch, rad, beyond which a fit may have stopped at the steepest on its way to a steeper one.
+STEEP = STEEPEST - 0.03
 # Probability that a lamp is off or hidden, and chance of noise from which a dark one may be.
 LAMP_OFF, LIKELY_DARK = 1e-3, 1e-3
 
@@ -396,8 +396,8 @@ class ImageFit:
             )
         if result.outcome != FITTED:
             raise NoPose("no fit: the image leaves the pose without a covariance")
-        if abs(result.best[PITCH]) > STEEPEST - AT_STEEPEST:
+        if abs(pitch := result.best[PITCH]) > STEEP:
             raise NoPose(
-                f"no fit: the follower would pitch by {math.degrees(result.best[PITCH]):.0f} deg, "
-                f"and fits go to {math.degrees(STEEPEST):.0f} deg"
+                f"no fit: the follower would pitch by {math.degrees(pitch):.1f} deg, "
+                f"more than the {math.degrees(STEEP):.1f} deg that a fit can tell"
             )

@@ -218,6 +218,16 @@ class Lab:
         self.subscribe(message_type, topic, heard.append)
         return heard
 
+    def log(self):
+        """Return a list that grows by every line of the log, those from before too."""
+        from rcl_interfaces.msg import Log
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        lines = []
+        lasting = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.probe.create_subscription(Log, "/rosout", lines.append, lasting)
+        return lines
+
     def talk(self, message_type, topic):
         """Return a publisher."""
         self.publishers.append(self.probe.create_publisher(message_type, topic, 100))

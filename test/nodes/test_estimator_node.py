@@ -10,9 +10,7 @@ from asker import Asker, Shower, assert_is, figures, place_of
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from scenes import changed
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
@@ -156,9 +154,7 @@ def test_what_is_set_at_once_is_taken_whole_and_decides_what_is_answered(
 def test_without_tf2_msgs_the_node_warns_and_works(lab, scene_file, signatures, monkeypatch):
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)  # makes its import fail
     asker = Asker(lab, scene_file, publish_tf=True)
-    logs = []
-    lasting = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    lab.probe.create_subscription(Log, "/rosout", logs.append, lasting)
+    logs = lab.log()
     lab.until(
         lambda: any(
             log.level == rclpy.logging.LoggingSeverity.WARN and "tf2_msgs" in log.msg

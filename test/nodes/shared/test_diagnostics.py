@@ -145,6 +145,14 @@ def test_a_failure_is_an_error_whatever_else_there_is(bench):
     assert "uuv_array table" in values["cure: table"]
 
 
+def test_a_failure_that_is_found_again_and_again_is_logged_once(bench):
+    logs, gone = bench.lab.log(), "table /nowhere: no table there"
+    for reason in (gone, gone, "", gone, "table /last: no table there"):
+        bench.node.diagnostics.fail(reason)
+    bench.lab.until(lambda: any("/last" in line.msg for line in logs), "the last line")
+    assert [line.msg for line in logs].count(gone) == 2
+
+
 @pytest.mark.parametrize(
     ("namespace", "hardware"), [(None, "uuv_optical_array"), ("/fleet/rov_2", "fleet/rov_2")]
 )
@@ -206,7 +214,7 @@ def stranger(lab, message_type, topic):
 )
 def test_the_diagnostics_name_both_until_one_is_gone(lab, node_type, message_type, topic, other):
     lab.begin()
-    node = lab.start(node_type)
+    logs, node = lab.log(), lab.start(node_type)
     if other == "/probe":
         lab.talk(message_type, topic)
     lab.until(lambda: node.count_publishers(topic) == 1, "the first publisher")
@@ -215,6 +223,7 @@ def test_the_diagnostics_name_both_until_one_is_gone(lab, node_type, message_typ
     second = stranger(lab, message_type, topic)
     words = f"several publishers: {topic} of", "/far/stranger", other, "ROS_DOMAIN_ID"
     lab.report(node, WARN, *words)
+    lab.until(lambda: any(words[0] in line.msg for line in logs), "a warning in the log")
     lab.executor.remove_node(second)
     lab.nodes.remove(second)
     second.destroy_node()

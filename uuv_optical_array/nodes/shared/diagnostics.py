@@ -113,8 +113,9 @@ class Diagnostics:
             self.totals[name] - last[name] for name in ("answered", "passed_over")
         )
         mixed = [several_publishers(self._node, topic) for topic in self._watched]
-        for reason in filter(None, mixed):
-            self._node.get_logger().warning(reason, throttle_duration_sec=30.0)
+        if any(mixed):
+            log = self._node.get_logger()
+            log.warning("; ".join(filter(None, mixed)), throttle_duration_sec=30.0)
         told = self._failure, *self._warnings, *mixed, *self._refusals.values(), self._clock()
         reasons = list(filter(None, told))
         if answered or self._refusals:

@@ -74,7 +74,7 @@ CAUSES = {
         "`formation_node` was told to steer nothing, by `~/engage` or by `start_engaged`."
     ),
     "follower waits": "The demonstration's follower is alone and waits for a leader.",
-    "leader waits": "The demonstration's leader waits for its followers.",
+    "leader waits": "The leader waits for a follower's first command, or its compiled fit.",
     "table": "The folder of the signature table is missing, damaged or of another scene.",
     "scene": "No pose of its table has light.",
 }

@@ -55,7 +55,7 @@ def replay(
             return str(reason)
         return ""
 
-    reasons = list(map(refused, images))  # in order: a frozen frame repeats the one before
+    reasons = list(map(refused, images))  # in order: a frozen frame repeats one before it
 
     def answer(i: int) -> Answer:
         estimate, reason = None, reasons[i]

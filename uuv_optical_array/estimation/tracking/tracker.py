@@ -20,7 +20,8 @@ The rate changes at random, and now and then at once: a frame that the usual mot
 is weighed as the first after a manoeuvre, by its likelihood and the manoeuvre's prior probability
 (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation with Applications to Tracking and
 Navigation*, 2001, ch. 11). Where commands explain it in neither way, the follower does not obey
-them. A frame beyond the gate is an outlier; outliers that agree with each other become the track.
+them. A frame beyond the gate is an outlier; outliers that agree with each other become the track,
+which then knows nothing of the constants.
 """
 
 import math
@@ -329,7 +330,7 @@ class Tracker:
         return fused, corrected.cost + manoeuvre * MANOEUVRE_COST
 
     def _start(self, frame: Measurement, before: _State | None) -> _State:
-        """Return a new track, which keeps what was learnt of the constants."""
+        """Return a new track, which keeps what the one before, if any, learnt of the constants."""
         stamp_ns = frame.stamp_ns
         biases, rate = self._space.prior(), np.diag(RATE_STD)
         keyframes = self._correction.fit.prior()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
+from uuv_optical_array.estimation.tracking.belief import Biases, BiasSpace
 from uuv_optical_array.estimation.tracking.mismatch import LastingResiduals
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -99,6 +100,47 @@ def test_an_alarm_ends_with_the_first_window_that_has_none():
     _, texts = watched(np.random.default_rng(3), 65, at_first)
     assert texts[200].startswith("the detector of row 1, column 3")
     assert texts[-1] == ""
+
+
+@pytest.mark.parametrize(("far", "named"), [(4.0, ""), (7.0, "ambient.level_counts is off by +23")])
+def test_what_is_learnt_beyond_the_prior_is_named(far, named):
+    space = BiasSpace(CONSTANTS, 43_200.0)
+    count = space.learnt
+    # Nothing is known of the power, little of gains, and of the ambient about half of its prior.
+    # Means spread by the root of what is learnt: this one is `far` of its standard deviations off.
+    variances = np.array([1.0, 0.55, *[0.9] * (count - 2)])
+    mean = np.zeros(count)
+    mean[1] = far * np.sqrt(1 - variances[1])
+    found = LastingResiduals(CONSTANTS).beyond_prior(Biases(mean, np.diag(variances)), space)
+    assert found.startswith(named) if named else not found
+
+
+@pytest.mark.parametrize(
+    ("counts", "named"), [(10.0, ""), (60.0, "ambient.level_counts is off by")]
+)
+def test_a_track_that_learns_what_the_prior_hardly_allows_says_so(counts, named):
+    rng, pose = np.random.default_rng(4), np.array([-6.0, 0.0, 0.0, 0.0, 0.0])
+    slopes = np.column_stack([100 * rng.standard_normal((SIDE**2, 5)), np.ones(SIDE**2)])
+    residuals = counts + rng.standard_normal(SIDE**2)
+    frame = LinearisedReadings(
+        np.append(pose, 0.0), residuals, slopes, np.full(SIDE**2, 500.0), np.ones(SIDE**2)
+    )
+    constants = Constants(("ambient.level_counts",), (5.0,), 0.0, SIDE**2)
+    track = Tracker(TrackerSettings(), constants).update(1, pose, 0.01 * np.eye(5), frame)
+    assert track.mismatch.startswith(named) if named else not track.mismatch
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_the_prior_lets_expect_is_learnt_without_alarm(seed):
+    rng, space, tests = np.random.default_rng(seed), BiasSpace(CONSTANTS, 43_200.0), []
+    residuals = LastingResiduals(CONSTANTS)
+    for _ in range(200):
+        truth = rng.standard_normal(space.learnt)
+        slopes = rng.standard_normal((30, space.learnt)) * rng.uniform(0.01, 3, space.learnt)
+        covariance = np.linalg.inv(np.eye(space.learnt) + slopes.T @ slopes)
+        mean = covariance @ slopes.T @ (slopes @ truth + rng.standard_normal(30))
+        tests.append(residuals.beyond_prior(Biases(mean, covariance), space))
+    assert set(tests) == {""}
 
 
 def test_a_track_whose_images_are_not_of_the_scene_knows_next_to_nothing_of_its_pose():

@@ -6,15 +6,21 @@ and of the lamp's power with time, whose prior is 0. Scores s of these and their
 summed over frames, are Gaussian about 0 with covariance J + J P J, P the prior's, if the scene is
 right. A score test for each error beyond its prior (C. R. Rao, 1948, Proc. Camb. Phil. Soc. 44, 50)
 and the chi-square of all tell if it is not, and the largest score what explains it best.
+
+What is wrong from frame to frame, as where the lamp loses power, may also pass for other constants
+than the prior lets expect. Where it is right, means that were learnt with covariance C are Gaussian
+about 0 with covariance P - C.
 """
 
 import math
 
 import numpy as np
+from scipy.linalg import lapack
 from scipy.special import chdtrc
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
+from uuv_optical_array.estimation.tracking.belief import Biases, BiasSpace
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.prior import POWER, of_lamp, shade_modes
 
@@ -27,6 +33,7 @@ MOST_OF_ALL, LEAST_S = 0.75, 3.0
 LEAST = 1 - math.exp(-LEAST_S / WINDOW_S)  # the same, as a share of the window
 CHANCE = 1e-5  # that frames of the scene are taken for others, at each test
 LEAST_GAIN = 1e-3  # error of a detector that linearising may leave
+LEAST_LEARNT = 0.02  # of a prior variance
 NEGLIGIBLE = 1e-9  # of the largest information, below which rounding is all there is
 
 
@@ -44,9 +51,7 @@ class LastingResiduals:
         # Time with frames, of it with uneven ones, as shares of the window; stamp of the last one.
         self._lit, self._uneven, self._light_ns = 0.0, 0.0, 0
         self._power = constants.names.index(POWER) if POWER in constants.names else -1
-        if not self._tests:
-            return
-        places = [(i, k) for i in range(side) for k in range(side)]
+        places = [divmod(i, side) for i in range(constants.detectors)]
         self._names = [
             *constants.names,
             *(f"the detector of row {i}, column {k}" for i, k in places),
@@ -55,6 +60,8 @@ class LastingResiduals:
             *(f"the column {k} of detectors" for k in range(side)),
             *[EVENNESS] * 5,
         ]
+        if not self._tests:
+            return
         gain = max(constants.gain_std, LEAST_GAIN)
         modes = shade_modes(side)
         self._prior = np.diag(np.square([*constants.stds, *[gain] * side**2, 0.0]))
@@ -73,6 +80,21 @@ class LastingResiduals:
         patterns = np.hstack([row, column, modes.T])
         self._directions[q : q + side**2, size:] = patterns
         self._begin(0)
+
+    def beyond_prior(self, biases: Biases, space: BiasSpace) -> str:
+        """Return what is learnt to be as the prior hardly allows, of constants, or with gains."""
+        for of in filter(None, {space.constants.stop, space.learnt}):
+            mean, spread = biases.mean[:of], np.eye(of) - biases.covariance[:of, :of]
+            known = spread + LEAST_LEARNT * np.eye(of)  # what says nothing of a bias is no test
+            _, solved, failed = lapack.dposv(known, np.column_stack([mean, spread]), lower=1)
+            chance = 1.0 if failed else chdtrc(solved[:, 1:].trace(), mean @ solved[:, 0])
+            if chance < CHANCE:
+                best = int((mean**2 / known.diagonal()).argmax())
+                return self._off(best, space.stds[best] * mean[best], chance)
+        return ""
+
+    def _off(self, error: int, size: float, chance: float) -> str:
+        return f"{self._names[error]} is off by {size:+.2g} (chance {chance:.0e})"
 
     def _begin(self, stamp_ns: int) -> None:
         size = len(self._prior)
@@ -133,7 +155,6 @@ class LastingResiduals:
         best = int(scores.argmax())
         chance = min(chdtrc(len(white), white @ white), len(scores) * chdtrc(1, scores[best]))
         if chance < CHANCE:
-            name, size = self._names[best], sizes[best]
-            self.mismatch = f"{name} is off by {size:+.2g} (chance {chance:.0e})"
+            self.mismatch = self._off(best, sizes[best], chance)
         elif last:
             self.mismatch = ""

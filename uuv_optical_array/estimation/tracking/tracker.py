@@ -222,7 +222,8 @@ class Tracker:
             near = newest.frame.relinearise(np.concatenate([mean[POSE], offsets]))
             with suppress(ValueError):  # not finite there
                 self._residuals.add(stamp_ns, checked_readings(near, self._constants))
-        if self._residuals.mismatch:
+        mismatch = self._residuals.mismatch or self._residuals.beyond_prior(biases, self._space)
+        if mismatch:
             unknown = UNKNOWN * np.array([*[np.linalg.norm(mean[:3])] * 3, 1.0, 1.0])
             joint[POSE, POSE] += np.diag(unknown**2)
         return Track(
@@ -235,7 +236,7 @@ class Tracker:
             dict(zip(names, learnt, strict=True)),
             (self._space.stds * biases.mean)[self._space.gains],
             own_motion,
-            self._residuals.mismatch,
+            mismatch,
             self._turn(motion, biases),
         )
 

@@ -35,6 +35,7 @@ from uuv_optical_array.estimation.least_squares.frame import (
     estimate_frame,
 )
 from uuv_optical_array.estimation.least_squares.frame_kinds import (
+    SUSPECTED,
     FrameKind,
     expecting,
     frame_kinds,
@@ -252,7 +253,8 @@ class ImageFit:
     def _other(self, image: Image, kind: FrameKind, clear: Hypothesis, guide: Guide) -> Hypothesis:
         """Fit an image as a frame of another kind than a clear one."""
         problem = image.problem(kind)
-        if self._models or (kind.rare and not guide.gaussian):
+        rare = kind.rare and kind.share <= SUSPECTED
+        if self._models or (rare and not guide.gaussian):
             there = self._from(clear.frame.best[:5], image.roll)
             found = self._hypothesis(kind, problem, there)
             if self._models:

@@ -17,8 +17,11 @@ NAMES = ("lamp.power", "ambient.level_counts")
 CONSTANTS = Constants(NAMES, tuple(STDS), GAIN_STD, SIDE**2)
 
 
-def watched(rng, seconds, beyond=lambda light, time_s: 0.0, constants=CONSTANTS):
-    """Return the tests of frames at 10 Hz whose poses are off and whose constants are drawn."""
+def watched(rng, seconds, beyond=lambda light, time_s: 0.0, constants=CONSTANTS, pause_s=0.0):
+    """Return the tests of frames at 10 Hz whose poses are off and whose constants are drawn.
+
+    No frames come for `pause_s` after 30 s.
+    """
     found, texts = LastingResiduals(constants), []
     offsets, gains = STDS * rng.standard_normal(2), GAIN_STD * rng.standard_normal(SIDE**2)
     for k in range(round(10 * seconds)):
@@ -35,7 +38,7 @@ def watched(rng, seconds, beyond=lambda light, time_s: 0.0, constants=CONSTANTS)
             + rng.standard_normal(SIDE**2)
         )
         frame = LinearisedReadings(at, residuals, slopes, light, np.ones(SIDE**2))
-        found.add(10**18 + k * 10**8, frame)
+        found.add(10**18 + k * 10**8 + round(pause_s * 1e9) * (k > 300), frame)
         texts.append(found.mismatch)
     return found, texts
 
@@ -93,13 +96,26 @@ def test_a_cloud_before_one_of_several_lamps_is_of_a_scene_that_names_shades(nam
         assert silent or found.mismatch.startswith(f"{name} is off by -0.")
 
 
-def test_an_alarm_ends_with_the_first_window_that_has_none():
+def test_an_alarm_ends_with_the_first_two_windows_that_have_none():
     def at_first(light, time_s):
         return one_detector(light, time_s) * (time_s < 20)
 
-    _, texts = watched(np.random.default_rng(3), 65, at_first)
+    _, texts = watched(np.random.default_rng(3), 95, at_first)
     assert texts[200].startswith("the detector of row 1, column 3")
     assert texts[-1] == ""
+
+
+@pytest.mark.parametrize(("pause_s", "named"), [(0.0, True), (40.0, False)])
+def test_a_slow_change_is_named_by_a_window_with_the_one_before_where_that_was_just_then(
+    pause_s, named
+):
+    def fades(light, time_s):
+        return -8e-6 * (time_s + pause_s * (time_s > 30)) * light  # 3 standard deviations in 30 s
+
+    _, texts = watched(np.random.default_rng(3), 59, fades, pause_s=pause_s)
+    assert set(texts[:300]) == {""}
+    assert texts[-1].startswith("lamp.power with time, per s, is off by -8") == named
+    assert named or texts[-1] == ""
 
 
 @pytest.mark.parametrize(("far", "named"), [(4.0, ""), (7.0, "ambient.level_counts is off by +23")])

@@ -25,7 +25,8 @@ from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.prior import POWER, of_lamp, shade_modes
 
 MOST_TESTED = 49  # detectors
-WINDOW_S, CHECK_S = 30.0, 2.0  # frames of so long are tested together, so often
+# Frames of a window are tested together with those of the one before, so often.
+WINDOW_S, CHECK_S = 30.0, 2.0
 EVENNESS, MOST_UNEVEN = "the evenness of the light", 0.6
 MOSTLY_UNEVEN = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s, or since the first"
 # Of the frames since the first, where these are of LEAST_S or more: a cloud comes after clear ones.
@@ -96,8 +97,14 @@ class LastingResiduals:
     def _off(self, error: int, size: float, chance: float) -> str:
         return f"{self._names[error]} is off by {size:+.2g} (chance {chance:.0e})"
 
-    def _begin(self, stamp_ns: int) -> None:
+    def _begin(self, stamp_ns: int, after_ns: int = 0) -> None:
+        """Begin a window, so long after the start of the last one, if that still counts."""
         size = len(self._prior)
+        self._before: tuple[Array, Array] = np.zeros((size, size)), np.zeros(size)
+        if 0 < after_ns <= 2 * WINDOW_S * 1e9:
+            since = np.eye(size)  # time counts from the start of this one
+            since[self._power, -1] = -after_ns * 1e-9 * (self._power >= 0)
+            self._before = since.T @ self._information @ since, since.T @ self._score
         self._information: Array = np.zeros((size, size))
         self._score: Array = np.zeros(size)
         self._start_ns = self._checked_ns = stamp_ns
@@ -107,8 +114,9 @@ class LastingResiduals:
         self.add_light(stamp_ns, False)
         if not self._tests:
             return
-        if not 0 <= stamp_ns - self._start_ns <= WINDOW_S * 1e9:
-            self._begin(stamp_ns)
+        since_ns = stamp_ns - self._start_ns
+        if not 0 <= since_ns <= WINDOW_S * 1e9:
+            self._begin(stamp_ns, since_ns)
         whiten = 1 / np.sqrt(readings.variances)[:, None]
         of_pose, of_constants = np.split(whiten * readings.slopes, [5], axis=1)
         with_time: Array = np.zeros((len(whiten), 1))
@@ -141,7 +149,7 @@ class LastingResiduals:
 
     def _check(self, last: bool) -> None:
         """Test what was summed; what was found stays until the last test of a window clears it."""
-        information, score = self._information, self._score
+        information, score = self._before[0] + self._information, self._before[1] + self._score
         spread = information + information @ self._prior @ information
         scale = np.sqrt(np.maximum(spread.diagonal(), 1e-300))
         values, vectors = np.linalg.eigh(spread / np.outer(scale, scale))

@@ -70,30 +70,13 @@ def test_what_lasts_is_named_with_its_size(beyond, what, size):
     assert texts[10] == ""  # not of a second alone
 
 
-@pytest.mark.parametrize(("depth", "of_the_scene"), [(0.02, True), (0.2, False)])
-def test_the_thin_rest_of_a_shade_is_of_a_scene_that_names_shades(depth, of_the_scene):
-    slant = np.tile(np.linspace(-1, 1, SIDE), SIDE)
-
-    def beyond(light, time_s):
-        return -depth * light * slant
-
+def test_a_scene_that_names_shades_is_not_tested():
     cloudy = replace(CONSTANTS, unclear_lasts_s=5.0)
-    for constants, silent in ((CONSTANTS, False), (cloudy, of_the_scene)):
-        found, _ = watched(np.random.default_rng(3), 25, beyond, constants)
-        assert (found.mismatch == "") == silent
-        assert silent or found.mismatch.startswith("the evenness of the light is off")
-
-
-@pytest.mark.parametrize(
-    ("name", "of_the_scene"), [("lamps.0.power", True), ("field_of_view.cosine_power", False)]
-)
-def test_a_cloud_before_one_of_several_lamps_is_of_a_scene_that_names_shades(name, of_the_scene):
-    constants = replace(CONSTANTS, names=(name, "ambient.level_counts"))
-    cloudy = replace(constants, unclear_lasts_s=5.0)
-    for known, silent in ((constants, False), (cloudy, of_the_scene)):
-        found, _ = watched(np.random.default_rng(3), 25, lambda light, _: -0.8 * light, known)
-        assert (found.mismatch == "") == silent
-        assert silent or found.mismatch.startswith(f"{name} is off by -0.")
+    for constants, tested in ((CONSTANTS, True), (cloudy, False)):
+        found, _ = watched(np.random.default_rng(3), 25, one_detector, constants)
+        space = BiasSpace(constants, 43_200.0)
+        learnt = Biases(np.full(space.learnt, 9.0), 0.5 * np.eye(space.learnt))
+        assert (found.mismatch != "") == (found.beyond_prior(learnt, space) != "") == tested
 
 
 def test_an_alarm_ends_with_the_first_two_windows_that_have_none():

@@ -10,6 +10,8 @@ and the chi-square of all tell if it is not, and the largest score what explains
 What is wrong from frame to frame, as where the lamp loses power, may also pass for other constants
 than the prior lets expect. Where it is right, means that were learnt with covariance C are Gaussian
 about 0 with covariance P - C.
+
+A scene that names shades is not tested: frames that pass for clear may be shaded, alike for long.
 """
 
 import math
@@ -22,7 +24,7 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import Biases, BiasSpace
 from uuv_optical_array.estimation.unknowns.constants import Constants
-from uuv_optical_array.forward.prior import POWER, of_lamp, shade_modes
+from uuv_optical_array.forward.prior import POWER, shade_modes
 
 MOST_TESTED = 49  # detectors
 # Frames of a window are tested together with those of the one before, so often.
@@ -46,7 +48,8 @@ class LastingResiduals:
 
     def __init__(self, constants: Constants) -> None:
         side, q = round(constants.detectors**0.5), len(constants.names)
-        self._tests = 0 < side**2 == constants.detectors <= MOST_TESTED
+        self._clear = not constants.names_shades
+        self._tests = self._clear and 0 < side**2 == constants.detectors <= MOST_TESTED
         self.mismatch = ""
         self._by_detector = constants.by_detector
         # Time with frames, of it with uneven ones, as shares of the window; stamp of the last one.
@@ -66,13 +69,6 @@ class LastingResiduals:
         gain = max(constants.gain_std, LEAST_GAIN)
         modes = shade_modes(side)
         self._prior = np.diag(np.square([*constants.stds, *[gain] * side**2, 0.0]))
-        if constants.names_shades:
-            rest = constants.shade_rest[: side**2]
-            self._prior[q : q + side**2, q : q + side**2] += rest @ rest.T
-            # A cloud may dim one of several lamps for long.
-            powers = {of_lamp(i, "power") for i in range(constants.lamps)}
-            own = [k for k, name in enumerate(constants.names) if name in powers]
-            self._prior[own, own] += 1.0
         size = len(self._prior)
         self._directions = np.zeros((size, len(self._names)))
         self._directions[:, :size] = np.eye(size)
@@ -84,7 +80,8 @@ class LastingResiduals:
 
     def beyond_prior(self, biases: Biases, space: BiasSpace) -> str:
         """Return what is learnt to be as the prior hardly allows, of constants, or with gains."""
-        for of in filter(None, {space.constants.stop, space.learnt}):
+        tested = {space.constants.stop, space.learnt} if self._clear else set()
+        for of in filter(None, tested):
             mean, spread = biases.mean[:of], np.eye(of) - biases.covariance[:of, :of]
             known = spread + LEAST_LEARNT * np.eye(of)  # what says nothing of a bias is no test
             _, solved, failed = lapack.dposv(known, np.column_stack([mean, spread]), lower=1)

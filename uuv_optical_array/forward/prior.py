@@ -40,9 +40,6 @@ RIM = 0.25  # depth of a cloud's rim relative to its middle
 # Uneven light that the scene does not name: a smooth shade, in the logarithm of the lamp's light,
 # and a gradient of daylight, relative to full scale. Our choice, for the unforeseen.
 UNEVEN_DEPTH, UNEVEN_DAYLIGHT = 0.2, 0.02
-# Clouds are no smooth Gaussian shade, so the variance of a pose behind one is larger by this
-# factor. Measured with `uuv_array study accuracy --moving` in `night_plume`.
-SHADE_DOUBT = 2.5
 
 Known = Literal["exactly", "calibrated", "as_bought"]
 
@@ -218,6 +215,14 @@ class PriorSettings:
 def of_lamp(i: int, setting: str) -> str:
     """Return the dotted name of a setting of one of several lamps."""
     return f"lamps.{i}.{setting}"
+
+
+def shade_doubt(lamps: int) -> float:
+    """Return the factor of the variance of a pose behind a cloud, which is no smooth Gaussian one.
+
+    Several lamps tell more of it. Measured by `uuv_array study accuracy --moving` in `night_plume`.
+    """
+    return 2.5 if lamps == 1 else 1.5
 
 
 def power_offsets(powers: Sequence[float], lamps: int) -> dict[str, Array]:

@@ -17,10 +17,10 @@ from uuv_optical_array.forward.prior import (
     POWER,
     ROLL,
     SHADE_DECAY,
-    SHADE_DOUBT,
     SHADES,
     FrameLight,
     of_lamp,
+    shade_doubt,
 )
 from uuv_optical_array.forward.scene import Scene
 
@@ -122,7 +122,8 @@ def frame_kinds(model: ForwardModel, pose_mean: Array, pose_std: Array) -> list[
         added = np.square(list(stds.values()))
         added[places] -= np.square([own_stds.get(name, 0.0) for name in fitted])
         problem = problem._replace(nuisance_mean=mean, noise=noise)
-        doubt, clear = SHADE_DOUBT if light.cloud else 1.0, not kinds
+        doubt = shade_doubt(model.scene.lamp_count) if light.cloud else 1.0
+        clear = not kinds
         rare = not (clear or light.cloud)
         of = problem, tuple(names), light.share, places, np.diag(added), doubt, clear, rare
         kinds.append(FrameKind(*of))

@@ -31,11 +31,11 @@ from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import POSE
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordinates
-from uuv_optical_array.forward.prior import SHADE_DOUBT
+from uuv_optical_array.forward.prior import shade_doubt
 
-# A shaded pose has SHADE_DOUBT times the variance of a clear one. This share of it is one error for
-# as long as the shade lasts; the rest is white, so that the track follows the motion.
-SHADE_SHARE = 0.9 / SHADE_DOUBT
+# A shaded pose has more variance than a clear one, by `shade_doubt`. This share of that by one lamp
+# is one error for as long as the shade lasts; the rest is white, so that the track follows.
+SHADE_SHARE = 0.9 / shade_doubt(1)
 # The white rest is alike in consecutive frames: this many count as one.
 CORRELATED_FRAMES = 7.0
 # Where constants are not known, poses without readings are of images that are not linear, as from

@@ -47,7 +47,8 @@ WRITTEN = "<!-- Written by docs/generate_reference.py. -->"
 SOURCE = re.compile(r"[A-Z]\w+(?: and [A-Z]\w+| et al\.)? (?:\d{4}|\(\d{4}\))(?:, eq\. \d+)?")
 # The same in parentheses, with whatever else stands there.
 CITATION = re.compile(r" \([^()]*\d{4}[^()]*\)")
-NUMBER = re.compile(r"(\d+(?:\.\d+)?)")
+# What differs between the texts of alike kinds of mismatch.
+SIZE = re.compile(r"(\d+(?:\.\d+)?|less|more)")
 # The page below docs/ that shows a command at work, unless it is that of a study's name.
 READ_MORE = {
     "follow": "tutorials/first_follow.md",
@@ -66,56 +67,56 @@ READ_MORE = {
 
 # Values on ``/diagnostics``: names as Markdown, nodes that show them, and what they mean.
 VALUES = (
-    ("`answered`, `refused`, `refused: ...`", "all", "messages answered, refused, and by kind"),
+    ("`answered`, `refused`, `refused: ...`", "all", "messages, and by kind"),
     ("`passed_over`", "feature in `follower_node`, estimator", "images left out for a newer one"),
     (
         "`Events in window`, `Events since startup`, `Duration of window (s)`, "
         "`Actual frequency (Hz)`",
         "all",
-        "answers in the last five seconds; their rate",
+        "answers and their rate",
     ),
     (
         "`Earliest timestamp delay:`, `Latest timestamp delay:`",
         "all",
-        "least and largest age of the stamps when they were answered, s",
+        "of stamps at the answer, s",
     ),
     ("`Timestamp jitter (s)`", "all", "standard deviation of the time between stamps"),
-    ("`cure: ...`", "all", "what to do about each text of the message"),
+    ("`cure: ...`", "all", "what to do about each text"),
     ("`peak_counts`", "simulator, feature", "brightest detector, counts"),
     (
         "`light_level`, `saturated_share`",
         "feature",
-        "brightest detector, and share of those at full scale; near 0 the light is dim",
+        "brightest detector (near 0: dim), and share of those at full scale",
     ),
     ("`range_m`", "simulator, formation", "distance behind the lamp, m"),
     (
         "`method`, `fit`",
         "estimator",
-        "the method; whether its fit is compiled or, with the same answers, runs as it stands",
+        "the method; its fit, compiled or, slower with the same answers, as it stands",
     ),
     ("`angle_rad`, `runner_up_angle_rad`", "estimator", "spectral angle to the best signatures"),
     (
         "`misfit`, `runner_up_misfit`",
         "estimator",
-        "probability of larger residuals in this scene; if it stays near 0, the sea is another",
+        "probability of larger residuals in this scene; near 0 the sea is another",
     ),
-    ("`unobservable`", "estimator", "degrees of freedom of which the image says next to nothing"),
+    ("`unobservable`", "estimator", "degrees of freedom that the image hardly shows"),
     ("`std_x`, `std_y`, `std_z`, `std_pitch`, `std_yaw`", "estimator", "of the pose, m and rad"),
     (
         "`table_margin`",
         "estimator",
-        "place in the scene's `table` and its axis: 1 in the middle, 0 at the edge, < 0 beyond",
+        "place in the `table`, and its axis: 1 in the middle, 0 at the edge, < 0 beyond",
     ),
     (
         "`own_motion`",
         "estimator",
-        "whether the track knows from `cmd_vel` how the follower moves: `told`; `not told`, where "
-        "none came for `command_timeout_s`, or by another clock; `contradicted` by the images and "
-        "not used: it does not obey, or they are not in m/s and rad/s along its own axes; if that "
-        "lasts, set `use_commands` to false",
+        "whether `cmd_vel` is used: `told`; `not told`, where none came for `command_timeout_s`, "
+        "or by another clock; `contradicted` by the images and not used: the follower does not "
+        "obey, or it is not in m/s and rad/s along its own axes; if that lasts, set "
+        "`use_commands` to false",
     ),
     ("`learnt_...`", "estimator", "what the track has learnt of a constant"),
-    ("`scene_...`", "estimator", "what to write into the scene, because the sea differs"),
+    ("`scene_...`", "estimator", "what to write into the scene, as the sea differs"),
 )
 
 
@@ -163,8 +164,9 @@ def parameters() -> list[str]:
     }
     parts = [
         "# Node parameters",
-        "Each is shown with its default and, in brackets, its values; with a star it is fixed when "
-        "its node starts. `config/follow.yaml` says when to change which.",
+        "Each is shown with its default and, in brackets, its values, in the unit of its name; "
+        "with a star it is fixed when its node starts. `config/follow.yaml` says when to change "
+        "which.",
         "## Common parameters",
         parameter_list(common),
     ]
@@ -190,7 +192,7 @@ def parameters() -> list[str]:
             f"## Arguments of `{name}`",
             f"{same} are as above."
             if same
-            else "An argument without a default leaves the parameter as it is. Below, one without "
+            else "Without a default an argument leaves the parameter as it is. Below, one without "
             "a meaning has that of this list.",
             "\n".join(lines),
         ]
@@ -204,7 +206,7 @@ def parameter_list(declarations: Mapping[str, Any]) -> str:
     for key, parameter in declarations.items():
         values = choice(parameter.choices)
         if not isinstance(parameter.default, bool | str):
-            values = bounds(parameter.quantity)
+            values = bounds(key, parameter.quantity)
         star = "\\*" if parameter.read_only else ""
         default = json.dumps(parameter.default)
         lines.append(entry(key, default, values, parameter.quantity.text, star))
@@ -217,7 +219,7 @@ def setting_list(owner: Any, more: Mapping[str, str] = MappingProxyType({})) -> 
         entry(
             key,
             shown(setting.default),
-            choice(setting.choices) or bounds(setting.quantity),
+            choice(setting.choices) or bounds(key, setting.quantity),
             setting.quantity.text + more.get(key, ""),
         )
         for key, setting in declared(owner).items()
@@ -231,9 +233,12 @@ def entry(name: str, default: str, values: str, text: str, mark: str = "") -> st
     return f"- {written}{mark}{limited}" + (f": {text}" if text else "")
 
 
-def bounds(quantity: Quantity) -> str:
-    """Return the bounds of a quantity."""
-    return quantity.bounds().removeprefix("from ").replace(" to ", "…")
+def bounds(key: str, quantity: Quantity) -> str:
+    """Return the bounds of a setting, with its unit where its key does not end in it."""
+    text = quantity.bounds().removeprefix("from ").replace(" to ", "…")
+    *_, unit = re.findall(r"[a-z]+", quantity.unit.lower()) or [""]
+    carried = unit and re.search(rf"_{unit}\d?$", key)
+    return text.removesuffix(f" {quantity.unit}") if carried else text
 
 
 def choice(words: Iterable[str]) -> str:
@@ -300,21 +305,19 @@ def topics() -> list[str]:
         "# Topics",
         "Names are relative and can be remapped. Publishers are reliable, subscriptions have "
         "sensor-data QoS; `qos_overrides` parameters change both. Every node also publishes "
-        "`/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz; those with the parameter "
-        "`publish_tf` publish `/tf` on request. `<n>` counts the followers of a leader alone. In "
-        "the drawing filled marks publish and open ones subscribe.",
+        "`/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz, with `publish_tf` some `/tf`. "
+        "`<n>` counts the followers of a leader alone. Filled marks publish, open ones subscribe.",
         "![Nodes and topics](../pictures/nodes.svg)",
         table(("topic", "type", "published by", "subscribed by"), rows),
         "`array/image` is mono16, counts; row 0 is the top, column 0 the port edge. "
         "`array/features` has one point with FLOAT64 `peak`, `column`, `row`, "
         "`skewness_horizontal` and `skewness_vertical`, and none without light. "
-        "`relative_pose` is the follower's `base_link` in the leader's `beacon`, by one image; "
-        "`relative_odometry` is the track of "
-        "many; `leader_pose` is the lamp in the follower's `base_frame`. `estimator_node` takes "
-        "`array/image` unless `use_image` is false, `cmd_vel` unless `use_commands` is, and `imu` "
-        "with `use_imu`. `markers` are beam and body by one node and the station by the other, for "
-        "RViz. A leader of the demonstration hears `/diagnostics`. `formation_node` has the "
-        "service `~/engage` (std_srvs/SetBool).",
+        "`relative_pose` is the follower's `base_link` in the leader's `beacon`, by one image, "
+        "`relative_odometry` the track of many, `leader_pose` the lamp in the follower's "
+        "`base_frame`. `use_image`, `use_commands` and `use_imu` let `estimator_node` take "
+        "`array/image`, `cmd_vel` and `imu`. `markers` are beam and body by one node, the station "
+        "by the other, for RViz. A leader of the demonstration hears `/diagnostics`. "
+        "`formation_node` has the service `~/engage` (std_srvs/SetBool).",
     ]
 
 
@@ -322,9 +325,9 @@ def diagnostics() -> list[str]:
     """Return the page of the texts that nodes show."""
     parts = [
         "# Diagnostics",
-        "The texts on `/diagnostics`, by their beginning, each with its cause and, in italics, its "
-        "cure; [operations](../how_to/operations.md) says where to begin. The topic and a comma "
-        "may stand before a text.",
+        "The texts on `/diagnostics`, by their beginning, with cause and, in italics, cure. The "
+        "topic and a comma may stand before a text. [Operations](../how_to/operations.md) says "
+        "where to begin.",
     ]
     for heading, kinds in (
         ("Refused messages", reasons.REFUSALS),
@@ -335,8 +338,8 @@ def diagnostics() -> list[str]:
     return [
         *parts,
         "## Values",
-        "Counts are since the start, all else is of the last answered message or the last second. "
-        "The nodes are in brackets.",
+        "Counts are since the start, all else of the last answered message or second. The nodes "
+        "are in brackets.",
         "\n".join(f"- {names} ({of}): {meaning}" for names, of, meaning in VALUES),
     ]
 
@@ -397,27 +400,32 @@ def command_parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.Argume
 def commands() -> list[str]:
     """Return the page of the commands."""
     parsers = list(command_parsers(build_parser()))
-    help_of: dict[str, Counter[str]] = {}
+    defaults: dict[tuple[str, str], list[str]] = {}
     for parser in parsers:
-        for name, (meaning, _) in options_of(parser).items():
-            help_of.setdefault(name, Counter())[meaning] += 1
-    # The meanings that most often stand with an option.
-    often = {name: meanings.most_common(1)[0] for name, meanings in help_of.items()}
-    common = {name: meaning for name, (meaning, count) in often.items() if count > 2}
+        for name, (meaning, default) in options_of(parser).items():
+            defaults.setdefault((name, meaning), []).append(default)
+    # What several commands have is common, with its default if that is the same for all.
+    common = {
+        name: (meaning, found[0] if len(set(found)) == 1 else "")
+        for (name, meaning), found in defaults.items()
+        if len(found) > 1
+    }
     parts = [
         "# Commands",
         "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`, otherwise "
-        "`.venv/bin/uuv_array COMMAND`. `--help` describes a command in full, with examples. "
-        "Defaults are in brackets. The exit code is 1 if the result is negative, such as a lost "
-        "leader, 2 for a bad value, and 130 after Ctrl-C; a study then reports what it has.",
+        "`.venv/bin/uuv_array COMMAND`; `--help` has examples. Defaults are in brackets. The exit "
+        "code is 1 if the result is negative, such as a lost leader, 2 for a bad value, and 130 "
+        "after Ctrl-C; a study then reports what it has.",
         "## Common options",
-        option_list({name: (meaning, "") for name, meaning in common.items()}),
+        option_list(common),
     ]
     for parser in parsers:
         own, shared = {}, []
         for name, (meaning, default) in options_of(parser).items():
-            if common.get(name) == meaning:
-                shared.append(f"`{name.split()[0]}`" + f" ({default})" * bool(default))
+            meant, of_all = common.get(name, ("", ""))
+            if meant == meaning:
+                of_this = f" ({default})" * (default != of_all)
+                shared.append(f"`{name.split()[0]}`{of_this}")
             else:
                 own[name] = meaning, default
         name = parser.prog.split()[-1]
@@ -444,14 +452,14 @@ def scene() -> list[str]:
     """Return the page of the keys of a scene."""
     parts = [
         "# Scene files",
-        "A scene is a YAML 1.2 file with the groups below and [`effects`](effects.md). Keys carry "
-        "their unit, and are shown with their default and, in brackets, their values; one without "
-        "a default must be given, except where its meaning says when.",
+        "A scene is a YAML 1.2 file with the groups below and [`effects`](effects.md). Keys are "
+        "shown with their default and, in brackets, their values, in the unit of the key; one "
+        "without a default must be given, except where its meaning says when.",
         "## `extends`",
-        "The scene that this one changes: a ready one, or a file, whose path leads from this one's "
-        "folder. Mappings are merged, a list or value replaces the other scene's, and `null` takes "
-        "away a setting, an effect or a group ([RFC 7396](https://www.rfc-editor.org/rfc/rfc7396)).",
-        "An editor with a YAML language server completes and checks scenes by the JSON schema "
+        "The scene that this one changes: a ready one, or a file by its path from this one's "
+        "folder. Mappings are merged, lists and values replaced; `null` takes away a setting, an "
+        "effect or a group ([RFC 7396](https://www.rfc-editor.org/rfc/rfc7396)).",
+        "A YAML language server completes and checks scenes by the JSON schema "
         "`config/scene.schema.json`, which `uuv_array scenes schema` prints, if a line says "
         "`# yaml-language-server: $schema=scene.schema.json`, the path from the scene's folder.",
     ]
@@ -460,7 +468,7 @@ def scene() -> list[str]:
         for key, of in UNCERTAIN.items()
         if of.as_bought
     }
-    known = " In square brackets are the values of `known: calibrated` and `as_bought`."
+    known = " In square brackets: `known: calibrated` and `as_bought`."
     for group, owner in {**GROUPS, "lamps": BeaconLamp}.items():
         told, more = (known, sets) if group == "prior" else ("", {})
         parts += [
@@ -470,8 +478,7 @@ def scene() -> list[str]:
         ]
     parts += [
         "## Ready scenes",
-        "Here is when to use which. `uuv_array scenes` lists their key figures; comments in "
-        "`config/scenes/` give the source of each value.",
+        "`uuv_array scenes` lists their key figures; `config/scenes/` has the sources of values.",
     ]
     lines = [
         f"- `{name}`: {sentence(scene_file(name)).removeprefix('Use ')}" for name in ready_scenes()
@@ -483,12 +490,12 @@ def effects() -> list[str]:
     """Return the page of the effects."""
     parts = [
         "# Effects",
-        "Only the effects that a scene names are simulated, in this physical order. "
-        "[Light and noise](../explanation/light.md#effects) explains the forms in brackets, and "
-        "which settings exclude each other. Settings are shown with their default and, in "
-        "brackets, their values; one without a default must be given, except where there are "
-        "several ways.",
+        "Only the effects that a scene names are simulated, in this order. [Light and noise]"
+        "(../explanation/light.md#effects) explains the forms in brackets, and which settings "
+        "exclude each other. Settings are shown as those of [a scene](scene.md); one without a "
+        "default must be given, except where there are several ways.",
     ]
+    shown_before: set[str] = set()
     for name, effect in EFFECTS.items():
         text = inspect.getdoc(effect.function) or ""
         law = CITATION.sub("", text.splitlines()[0]).rstrip(".").replace("``", "`")
@@ -496,7 +503,12 @@ def effects() -> list[str]:
         kinds = inspect.signature(effect.function).return_annotation
         form = ", ".join(part.__name__.lower() for part in typing.get_args(kinds) or (kinds,))
         source = f" Source: {'; '.join(dict.fromkeys(sources))}." if sources else ""
-        parts += [f"## `{name}`", f"{law} ({form}).{source}", setting_list(effect.function)]
+        lines = setting_list(effect.function).splitlines()
+        own = [line for line in lines if line not in shown_before]
+        same = [f"`{re.findall(r'[a-z_]+', line)[0]}`" for line in lines if line in shown_before]
+        shown_before.update(own)
+        own += [f"- {', '.join(same)}: as above"] if same else []
+        parts += [f"## `{name}`", f"{law} ({form}).{source}", "\n".join(own)]
     return parts
 
 
@@ -504,15 +516,15 @@ def mismatches() -> list[str]:
     """Return the page of the kinds of mismatch, by what to do about them."""
     parts = [
         "# Kinds of mismatch",
-        "How the sea can differ from the scene, as `uuv_array study robustness` "
-        "[measures it](../results/robustness.md), and in italics what to do about it. In brackets "
-        "is the mismatch in standard deviations of the prior `known: calibrated`.",
+        "How the sea can differ from the scene in `uuv_array study robustness` "
+        "([results](../results/robustness.md)), and in italics what to do about it. In brackets "
+        "are standard deviations of the prior `known: calibrated`.",
     ]
     for cure in dict.fromkeys(kind.cure for kind in KINDS):
         alike: dict[str, list[Kind]] = {}
         for kind in KINDS:
             if kind.cure == cure:
-                alike.setdefault(NUMBER.sub("", kind.what), []).append(kind)
+                alike.setdefault(SIZE.sub("", kind.what), []).append(kind)
         lines = []
         for kinds in alike.values():
             names = [
@@ -520,12 +532,16 @@ def mismatches() -> list[str]:
                 + ("" if kind.times_prior is None else f" [{kind.times_prior:.2g}]")
                 for kind in kinds
             ]
-            # Texts that differ by numbers become one.
-            words = zip(*(NUMBER.split(kind.what) for kind in kinds), strict=True)
-            what = "".join(" or ".join(dict.fromkeys(word)) for word in words)
+            words = zip(*(SIZE.split(kind.what) for kind in kinds), strict=True)
+            what = "".join(one_of(list(dict.fromkeys(word))) for word in words)
             lines.append(f"- {', '.join(names)}: {what}")
         parts += ["\n".join(lines), f"*{cure}*"]
     return parts
+
+
+def one_of(words: Sequence[str]) -> str:
+    """Return words as a list in a sentence."""
+    return " or ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)
 
 
 def api() -> list[str]:
@@ -534,9 +550,9 @@ def api() -> list[str]:
     found = {name: getattr(uuv_optical_array, name) for name in names}
     parts = [
         "# Python API",
-        "What `import uuv_optical_array` offers, as `help(NAME)` prints it. Poses are x, y, z in m "
-        "and pitch, yaw in rad, of the follower in the frame of the lamp; images are counts, row 0 "
-        "at the top and column 0 at the port edge.",
+        "What `import uuv_optical_array` offers. Poses are x, y, z in m and pitch, yaw in rad, of "
+        "the follower in the lamp's frame; images are counts, row 0 at the top, column 0 at the "
+        "port edge.",
     ]
     lines = ["```{eval-rst}"]
     for name, thing in found.items():

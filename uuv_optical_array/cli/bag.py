@@ -18,7 +18,7 @@ BEACON = Quantity("the lamp in the leader's base_link", "m", -100, 100)
 
 def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bool = False) -> None:
     """Add the bag and how it is read, the topic of the follower's commands included or not."""
-    about = "folder of a rosbag2, or its .mcap or .db3 file"
+    about = "rosbag2's folder, or its .mcap or .db3 file"
     parser.add_argument("bag", type=Path, nargs=None if required else "?", help=about)
     names = asdict(Topics())
     if not commands:
@@ -31,7 +31,7 @@ def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bo
     words = {"type": metres, "nargs": 3, "default": [0.0, 0.0, 0.0], "metavar": ("X", "Y", "Z")}
     about = f"{BEACON.text}, m (default: 0 0 0)"
     parser.add_argument("--beacon-position", help=about, **words)
-    about = "axes of base_link in both odometries (default: %(default)s)"
+    about = "of base_link in both odometries (default: %(default)s)"
     parser.add_argument("--odometry-axes", choices=get_args(Axes), default="flu", help=about)
     options.add_number(parser, "max_gap_s", MAX_GAP, MAX_GAP_S)
 

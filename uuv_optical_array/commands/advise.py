@@ -1,4 +1,4 @@
-"""``uuv_array advise``: name the cheapest setting that meets a rate and an accuracy.
+"""``uuv_array advise``: name the cheapest setting for a rate and an accuracy.
 
 Choose array, size of the table and method of the estimator: fewest detectors, then the smallest
 table, then the least time. A rate is met if the 99th percentile of a frame's time fits its period,

@@ -57,14 +57,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     about = " and ".join(quantity.text for quantity in STDS.values()) + " (default: 0 0, exact)"
     words: dict[str, Any] = {"nargs": 2, "type": float, "metavar": ("M", "DEG")}
     parser.add_argument("--pose-std", default=[0.0, 0.0], help=about, **words)
-    about = "CSV of measured places and their errors, in place of odometries and --pose-std"
+    about = "CSV of measured places and errors, in place of odometries and --pose-std"
     parser.add_argument("--places", type=Path, metavar="TABLE", help=about)
-    about = "parameter that keeps the value of the scene, by the name that is printed, or gains; "
+    about = "parameter that keeps the scene's value, by its printed name, or gains; "
     words = {"action": "append", "default": [], "metavar": "NAME"}
     parser.add_argument("--hold", help=about + "may be repeated", **words)
-    about = "fit sensor_noise.sigma_counts to the residuals too"
+    about = "fit sensor_noise.sigma_counts, too"
     parser.add_argument("--noise", action="store_true", help=about)
-    about = "write the scene even where the model is wrong"
+    about = "write the scene even if the model is wrong"
     parser.add_argument("--force", action="store_true", help=about)
 
 

@@ -39,12 +39,12 @@ LAMP = Quantity(AHEAD, "m", 0.3, 100)
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
-    about = "folder of a rosbag2, or its .mcap or .db3 file (default: listen to the topic)"
+    about = "rosbag2's folder, or its .mcap or .db3 file (default: listen to the topic)"
     parser.add_argument("bag", type=Path, nargs="?", help=about)
     about = "topic of the images (default: %(default)s)"
     parser.add_argument("--topic", default=Topics.image, help=about)
     options.add_number(parser, "lamp", LAMP, None, float)
-    about = "the test is on deck: without water, a wider beam"
+    about = "on deck: without water, a wider beam"
     parser.add_argument("--in-air", action="store_true", help=about)
     outputs.add_scene_file(parser, "commissioned.yaml")
 

@@ -38,7 +38,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     bag.add_bag(parser, commands=True)
     options.add_scene(parser, "follow")
     options.add_method(parser)
-    filtered = "filter the frames, and estimate the scene's constants"
+    filtered = "filter the frames, and learn the constants"
     parser.add_argument("--track", action="store_true", help=filtered)
     outputs.add_folder(parser, "folder to make (default: that of the bag with _estimates)")
 

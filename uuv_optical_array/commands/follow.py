@@ -1,4 +1,4 @@
-"""``uuv_array follow``: let a follower follow a leader by light, and draw what happened.
+"""``uuv_array follow``: let a follower follow a leader by light, and draw it.
 
 A leader waits until its follower sees it, and once on a machine until the fit is compiled; then it
 runs straight, turns, and changes depth, and the follower keeps station behind it by the light of
@@ -36,7 +36,7 @@ from uuv_optical_array.plots.follow import draw_follow
 from uuv_optical_array.plots.style import save
 from uuv_optical_array.recording.bag import BagWriter
 
-DURATION = Quantity("length of the run from the leader's start", "s", 1e-3, 1e6)
+DURATION = Quantity("from the leader's start", "s", 1e-3, 1e6)
 SEED = Quantity("seed of the noise (default: the parameter file's, a new one)", "", -1, 2**31 - 1)
 
 
@@ -46,9 +46,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_number(parser, "duration", DURATION, 60.0)
     options.add_number(parser, "seed", SEED, None, int)
     options.add_number(parser, "followers", Quantity("how many followers", "", 1, MOST), 1)
-    unchained = "the leader lights the third follower, too; there are at most three"
+    unchained = "the leader lights all, at most three"
     parser.add_argument("--no-chain", action="store_true", help=unchained)
-    about = "ROS parameters; what the file leaves out keeps its default (default: none)"
+    about = "ROS parameters; others keep their default (default: none)"
     parser.add_argument("--params-file", type=Path, metavar="FILE", help=about)
     outputs.add_picture(parser, "follow.png")
     about = "write what the nodes publish as a bag, MCAP, to a new folder"

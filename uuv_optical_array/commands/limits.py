@@ -1,4 +1,4 @@
-"""``uuv_array limits``: print and draw how well one image can fix the pose at all.
+"""``uuv_array limits``: show how well one image can fix the pose.
 
 The Cramer-Rao bound of a scene: the smallest standard deviation that any unbiased estimator can
 reach from one image, given array, lamp, water and noise. It is printed for one pose, and drawn over

@@ -27,7 +27,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
     outputs.add_folder(parser, "folder to write (default: SCENE.zarr here)")
-    about = "threads of this machine (default: all cores), or the scheduler of a Dask cluster"
+    about = "threads (default: all cores), or a Dask cluster's scheduler"
     parser.add_argument("--workers", metavar="N|ADDRESS", help=about)
 
 

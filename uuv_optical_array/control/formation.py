@@ -60,26 +60,26 @@ class FormationSettings:
         Place, Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
     ] = (-4.5, 0.0, 0.0)
     min_distance_m: Annotated[
-        float, Quantity("nearest to the lamp that it goes; 0 for no minimum", "m", 0, 50)
+        float, Quantity("nearest to the lamp; 0 for no minimum", "m", 0, 50)
     ] = 2.0
-    position_gain_per_s: Annotated[
-        float, Quantity("speed commanded per position error", "1/s", 0.01, 2)
-    ] = 0.4
+    position_gain_per_s: Annotated[float, Quantity("speed per position error", "1/s", 0.01, 2)] = (
+        0.4
+    )
     attitude_gain_per_s: Annotated[
-        float, Quantity("turn rate commanded per attitude error", "1/s", 0.01, 2)
+        float, Quantity("turn rate per attitude error", "1/s", 0.01, 2)
     ] = 0.4
     smoothing_s: Annotated[float, Quantity("time constant of the command", "s", 0.01, 10)] = 0.7
     max_surge_m_per_s: Annotated[float, Quantity("fastest surge", "m/s", 0.01, 5)] = 1.0
     max_sway_m_per_s: Annotated[float, Quantity("fastest sway and heave", "m/s", 0.01, 5)] = 0.6
     max_turn_deg_per_s: Annotated[float, Quantity("fastest turn", "deg/s", 0.1, 90)] = 10.0
     max_acceleration_m_per_s2: Annotated[
-        float, Quantity("largest change of the commanded speed", "m/s^2", 0.01, 5)
+        float, Quantity("of the commanded speed", "m/s^2", 0.01, 5)
     ] = 0.2
     max_acceleration_deg_per_s2: Annotated[
-        float, Quantity("largest change of the commanded turn", "deg/s^2", 0.1, 90)
+        float, Quantity("of the commanded turn", "deg/s^2", 0.1, 90)
     ] = 3.0
     light_timeout_s: Annotated[
-        float, Quantity("without a pose for longer, the light is lost", "s", 0.1, 60)
+        float, Quantity("without a pose until the light is lost", "s", 0.1, 60)
     ] = 1.0
     stop_time_s: Annotated[float, Quantity("from lost light to standstill", "s", 0.1, 60)] = 3.0
 

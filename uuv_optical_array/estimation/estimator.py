@@ -47,16 +47,16 @@ class EstimatorSettings:
 
     method: Annotated[Method, Quantity("how the pose is found")] = "least_squares"
     max_angle_rad: Annotated[
-        float, Quantity("spectral angle beyond which a match is no pose", "rad", 0, math.pi)
+        float, Quantity("largest spectral angle of a match", "rad", 0, math.pi)
     ] = 0.25
     neighbours: Annotated[
-        int, Quantity("nearest table rows that the sam methods average", "rows", 2, 10_000)
+        int, Quantity("table rows that the sam methods average", "rows", 2, 10_000)
     ] = 64
     candidates: Annotated[
-        int, Quantity("nearest poses that least_squares starts from", "poses", 1, MOST_STARTS)
+        int, Quantity("poses that least_squares starts from", "poses", 1, MOST_STARTS)
     ] = 3
     max_misfit: Annotated[
-        float, Quantity("probability that a valid image is refused as a misfit", "", 0, 0.5)
+        float, Quantity("probability that a valid image is refused", "", 0, 0.5)
     ] = 1e-5
 
 

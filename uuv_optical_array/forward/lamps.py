@@ -37,9 +37,9 @@ class BeaconLamp:
     z_m: Annotated[float, Quantity("up", "m", -10, 10)] = 0.0
     pitch_deg: Annotated[float, Quantity("positive turns the beam up", "deg", -45, 45)] = 0.0
     yaw_deg: Annotated[float, Quantity("positive turns it to starboard", "deg", -45, 45)] = 0.0
-    power: Annotated[float, Quantity("relative to that of the others", "", 1e-3, 1e3)] = 1.0
+    power: Annotated[float, Quantity("relative to the others", "", 1e-3, 1e3)] = 1.0
     beam_sigma_deg: Annotated[
-        float | None, Quantity("of its beam; null: that of the scene's lamp", "deg", 0.1, 90)
+        float | None, Quantity("null: that of the scene's lamp", "deg", 0.1, 90)
     ] = None
 
 

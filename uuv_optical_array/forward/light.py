@@ -38,7 +38,7 @@ class LampSettings:
 
     beam_sigma_deg: Annotated[float, Quantity("standard deviation of the beam", "deg", 0.1, 90)]
     reference_counts: Annotated[
-        float, Quantity("largest reading of the lamp, aligned at the reference", "counts", 1, 1e6)
+        float, Quantity("largest reading, aligned at the reference", "counts", 1, 1e6)
     ]
     reference_range_m: Annotated[
         float, Quantity("base_link behind the lamp for that reading", "m", 0.1, 1000)

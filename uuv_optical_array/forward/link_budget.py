@@ -31,10 +31,8 @@ BLUE = (0.1, 0.4, 0.8, 0.98, 1.0, 0.94, 0.8, 0.62, 0.45, 0.22, 0.1)
 class Instrument:
     """Lamp, detector and converter in the units of data sheets; the scene has beam and water."""
 
-    lamp_w: Annotated[
-        float, Quantity("radiant flux of the LED, or of those of all lamps", "W", 1e-6, 1e3)
-    ] = 0.5
-    optics: Annotated[float, Quantity("share of it that leaves the lamp", "", 0.01, 1)] = 0.85
+    lamp_w: Annotated[float, Quantity("radiant flux of the LED, or of all", "W", 1e-6, 1e3)] = 0.5
+    optics: Annotated[float, Quantity("share that leaves the lamp", "", 0.01, 1)] = 0.85
     wavelength_nm: Annotated[float, Quantity("of the lamp", "nm", 400, 700)] = 525.0
     lens_m: Annotated[float, Quantity("diameter of the lamp's lens", "m", 2e-3, 1)] = 0.03
     filter: Annotated[float, Quantity("share that window and filter pass", "", 1e-6, 1)] = 0.8
@@ -49,7 +47,7 @@ class Instrument:
     average_s: Annotated[float, Quantity("time that a reading averages", "s", 1e-6, 10)] = 0.02
     temperature_c: Annotated[float, Quantity("of diode and resistor", "deg C", -40, 100)] = 15.0
     daylight_w_per_m2: Annotated[
-        float, Quantity("daylight on the array, in the filter's band", "W/m^2", 0, 1e3)
+        float, Quantity("on the array, in the filter's band", "W/m^2", 0, 1e3)
     ] = 0.0
 
     @property

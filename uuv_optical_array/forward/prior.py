@@ -27,7 +27,7 @@ ROLL = "follower.roll_rad"  # which several lamps show, as a turn about the beac
 # What is a lamp's own, in the order of the places of `lamps.one_of_lamps`, and its power.
 OWN_GEOMETRY = "x_m", "y_m", "z_m", "pitch_deg", "yaw_deg"
 OWN_POWER = "power"
-LAMP_POWER = Quantity("power of all lamps, or of each, relative to the scene's; 0: off", "", 0, 100)
+LAMP_POWER = Quantity("of all lamps, or each, relative to the scene's; 0: off", "", 0, 100)
 NO_POWER = 1e-300  # of a lamp that is off: its logarithm has to be finite
 LOGARITHMS = POWER, SCATTERING, RADIUS  # whose offset is that of their logarithm
 GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
@@ -105,15 +105,15 @@ class PriorSettings:
     """Standard deviations of what is not known (0: known), which is estimated with the pose."""
 
     known: Annotated[Known, Quantity("how well the rest is known, by a set of values")] = "exactly"
-    lamp_power_std: Annotated[float, Quantity("of the lamp's power, relative", "", 0, 1)] = 0.0
+    lamp_power_std: Annotated[float, Quantity("relative", "", 0, 1)] = 0.0
     beam_sigma_std_deg: Annotated[float, Quantity("of the beam's width", "deg", 0, 10)] = 0.0
     k_std_per_m: Annotated[float, Quantity("of the attenuation", "1/m", 0, 1)] = 0.0
     absorption_std_per_m: Annotated[float, Quantity("of the absorption", "1/m", 0, 1)] = 0.0
-    scattering_std: Annotated[float, Quantity("of the scattering, relative", "", 0, 2)] = 0.0
+    scattering_std: Annotated[float, Quantity("relative", "", 0, 2)] = 0.0
     cosine_power_std: Annotated[
         float, Quantity("of the power of the detectors' cosine", "", 0, 1)
     ] = 0.0
-    radius_std: Annotated[float, Quantity("of a sphere's radius, relative", "", 0, 0.2)] = 0.0
+    radius_std: Annotated[float, Quantity("relative, of a sphere", "", 0, 0.2)] = 0.0
     ambient_std_counts: Annotated[float, Quantity("of the ambient level", "counts", 0, 1e6)] = 0.0
     ambient_gradient_std_counts: Annotated[
         float, Quantity("of the ambient's rise from middle to edges", "counts", 0, 1e6)
@@ -130,7 +130,7 @@ class PriorSettings:
         float, Quantity("of the power of each of several lamps, relative", "", 0, 1)
     ] = 0.0
     lamps_aim_std_deg: Annotated[float, Quantity("of pitch and yaw of each", "deg", 0, 10)] = 0.0
-    lamps_place_std_m: Annotated[float, Quantity("of the place of each, by axis", "m", 0, 1)] = 0.0
+    lamps_place_std_m: Annotated[float, Quantity("of each, by axis", "m", 0, 1)] = 0.0
     roll_std_deg: Annotated[
         float, Quantity("of the follower's roll, which several lamps show", "deg", 0, 45)
     ] = 0.0

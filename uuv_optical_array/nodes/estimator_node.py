@@ -48,41 +48,35 @@ from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, par
 
 PARAMETERS = {
     **shared("scene", "frame_prefix", "base_frame", "beacon_position_m", "publish_tf"),
-    "table": Parameter(
-        "", Quantity("folder of the signature table; empty: built in memory when it is needed")
-    ),
+    "table": Parameter("", Quantity("folder of the signature table; empty: built in memory")),
     **parameters_of(EstimatorSettings),
     "use_image": Parameter(
-        True, Quantity("whether array/image is read, by which the sam methods check a match"), True
+        True, Quantity("read array/image, by which the sam methods check a match"), True
     ),
-    "use_imu": Parameter(False, Quantity("whether the follower's roll is read from imu"), True),
+    "use_imu": Parameter(False, Quantity("read the follower's roll from imu"), True),
     "max_imu_age_s": Parameter(
         0.2, Quantity("largest time between an image and its roll", "s", 0.001, 10)
     ),
     "roll_std_rad": Parameter(
         ROLL_STD_RAD,
-        Quantity("standard deviation of the roll, from imu or taken as 0", "rad", 1e-6, 3),
+        Quantity("of the roll, from imu or taken as 0", "rad", 1e-6, 3),
     ),
-    "use_commands": Parameter(
-        True, Quantity("whether the follower's own motion is read from cmd_vel"), True
-    ),
-    "tracking": Parameter(
-        True, Quantity("whether the poses of many frames are filtered and constants learnt")
-    ),
+    "use_commands": Parameter(True, Quantity("read the follower's own motion from cmd_vel"), True),
+    "tracking": Parameter(True, Quantity("filter the poses and learn constants")),
     **parameters_of(TrackerSettings),
     **shared("beacon_frame"),
     "tf_child_frame": Parameter(
-        FOLLOWER_FRAME, Quantity("frame that pose and odometry place: the follower's"), True
+        FOLLOWER_FRAME, Quantity("the follower's frame in pose and odometry"), True
     ),
     "tf_parent": Parameter(
         "beacon",
-        Quantity("whether /tf has tf_child_frame below beacon_frame, or this below base_frame"),
+        Quantity("on /tf: tf_child_frame below beacon_frame, or this below base_frame"),
         True,
         ("beacon", "base"),
     ),
     "leader_frame": Parameter(
         "leader/base_link",
-        Quantity("frame that beacon_frame is tied to on /tf_static; empty: to none"),
+        Quantity("above beacon_frame on /tf_static; empty: none"),
         True,
     ),
 }

@@ -26,7 +26,7 @@ PARAMETERS = {
     **parameters_of(FormationSettings),
     "rate_hz": Parameter(10.0, Quantity("commands a second", "Hz", 0.1, 1000), True),
     "start_engaged": Parameter(
-        True, Quantity("whether it steers from the start, or when ~/engage says so"), True
+        True, Quantity("steer from the start, or when ~/engage says so"), True
     ),
 }
 

@@ -31,10 +31,10 @@ PARAMETERS = {
     ),
     "lamp_power": Parameter([1.0], LAMP_POWER, any_length=True),
     "seed": Parameter(
-        -1, Quantity("seed of the noise; -1 draws a new one at each start", "", -1, 2**31 - 1), True
+        -1, Quantity("of the noise; -1: a new one at each start", "", -1, 2**31 - 1), True
     ),
     "array_frame": Parameter(
-        "", Quantity("frame of the image; empty: `array` beside the follower's base_link"), True
+        "", Quantity("of the image; empty: `array` beside the follower's base_link"), True
     ),
 }
 WAITING = 50  # follower poses kept until the leader's odometry catches up

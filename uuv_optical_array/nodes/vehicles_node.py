@@ -35,16 +35,16 @@ PARAMETERS = {
     **shared("frame_prefix", "publish_tf"),
     "vehicles": Parameter(
         "both",
-        Quantity("which swim; a follower alone starts where it finds the leader's odometry"),
+        Quantity("which swim; a follower alone starts by the leader's odometry"),
         True,
         ("both", "leader", "follower"),
     ),
     "followers": Parameter(
-        1, Quantity("a leader alone waits for so many: follower_1/cmd_vel, ...", "", 1, 100), True
+        1, Quantity("that a leader alone waits for: follower_1/cmd_vel, ...", "", 1, 100), True
     ),
     "vehicle_model": Parameter(
         "kinematic",
-        Quantity("of both vehicles: velocities within limits, or a BlueROV2 Heavy"),
+        Quantity("velocities within limits, or a BlueROV2 Heavy"),
         True,
         tuple(MODELS),
     ),
@@ -55,11 +55,11 @@ PARAMETERS = {
     "rate_hz": Parameter(10.0, Quantity("odometry messages a second", "Hz", 1, 1000), True),
     "station_m": Parameter(
         list(FormationSettings.station_m),
-        Quantity("station in the leader's base_link, near which the follower starts", "m", -50, 50),
+        Quantity("in the leader's base_link; the follower starts near it", "m", -50, 50),
         True,
     ),
     "command_timeout_s": Parameter(
-        1.0, Quantity("the follower stops when cmd_vel is older than this", "s", 0.05, 60)
+        1.0, Quantity("age of cmd_vel from which the follower stops", "s", 0.05, 60)
     ),
     "world_frame": Parameter("odom", Quantity("frame of both odometries"), True),
 }

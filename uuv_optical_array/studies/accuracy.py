@@ -1,4 +1,4 @@
-"""``uuv_array study accuracy``: measure errors of estimates beside bound and covariances.
+"""``uuv_array study accuracy``: measure errors beside bound and covariances.
 
 Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks
 above 20 counts, and compare the errors with the Cramer-Rao bound of one image and with the
@@ -292,9 +292,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         about = f"compare {what}, and draw the errors into FILE (default: %(const)s)"
         words: dict[str, Any] = {"type": Path, "nargs": "?", "const": Path(f"{name}.png")}
         parser.add_argument(f"--{name}", metavar="FILE", help=about, **words)
-    drawn = "draw the sea of each image from the scene's prior"
+    drawn = "draw each image's sea from the scene's prior"
     parser.add_argument("--drawn", action="store_true", help=drawn)
-    moving = "take images at random times, for what moves: flicker, drift, clouds"
+    moving = "take images at random times, for flicker, drift and clouds"
     parser.add_argument("--moving", action="store_true", help=moving)
     options.add_json(parser)
 

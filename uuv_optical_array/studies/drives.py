@@ -1,4 +1,4 @@
-"""``uuv_array study drives``: measure tracks of drives through seas drawn from the scene's prior.
+"""``uuv_array study drives``: measure tracks in seas drawn from the prior.
 
 Drive from 8 to 4 m behind the lamp and back, swaying, each time through another sea: what the
 scene's prior leaves uncertain, such as the lamp's power, is drawn from it and stays for the drive.

@@ -330,19 +330,19 @@ def _kinds(
     return kinds
 
 
-POWER_CURE = "Calibrate again when lamp or battery is changed; widen `prior.lamp_power_std`."
-K_CURE = "Measure K where the vehicles dive or calibrate there; widen `prior.k_std_per_m`."
-SEA_CURE = K_CURE.replace("K where", "the water where").replace("k_std_per_m", "scattering_std")
-BEAM_CURE = "Calibrate the lamp that is mounted; a diffuser that ages widens the beam."
-AMBIENT_CURE = "Measure the array with the lamp off and set `effects.ambient`, or shield it."
+POWER_CURE = "Calibrate again when lamp or battery change; widen `prior.lamp_power_std`."
+K_CURE = "Measure K or calibrate where you dive; widen `prior.k_std_per_m`."
+SEA_CURE = K_CURE.replace("K or", "the water or").replace("k_std_per_m", "scattering_std")
+BEAM_CURE = "Calibrate the mounted lamp; an ageing diffuser widens the beam."
+AMBIENT_CURE = "Measure with the lamp off and set `effects.ambient`, or shield the array."
 GRADIENT_CURE = f"{AMBIENT_CURE} A track learns the slope while the range changes."
-LAMP_CURE = "Cover or switch off other lamps that the array sees, or modulate the leader's."
+LAMP_CURE = "Cover or switch off other lamps, or modulate the leader's."
 CARRIER_CURE = "Give each leader carriers of its own, at least 50 Hz from all others."
-GAIN_CURE = "Calibrate the gains by `uuv_array calibrate`; clean the windows."
+GAIN_CURE = "Calibrate the gains; clean the windows."
 FAULT_CURE = "Repair it, or name it in `effects.detector_faults` until then."
-SHADE_CURE = "Clean the port of lamp and array; keep hull and cables out of the beam."
-ARRAY_CURE = "Calibrate the array that was built by `uuv_array calibrate`, and measure its sphere."
-SIGNAL_CURE = "Check power, plug and wiring of the array: this is not light of the lamp."
+SHADE_CURE = "Clean lamp and array; keep hull and cables out of the beam."
+ARRAY_CURE = "Calibrate the array as built, and measure its sphere."
+SIGNAL_CURE = "Check the array's power, plug and wiring: this is not the lamp's light."
 
 # fmt: off
 KINDS = (
@@ -350,7 +350,7 @@ KINDS = (
     *_kinds("k{by:+g}", other_attenuation, "The water attenuates by {size:g} /m {more}.", K_CURE,
             (-0.05, 0.05, -0.04, 0.04, -0.02, 0.02), "k_std_per_m", needs="water"),
     *_kinds("beam{by:+g}", partial(Sea.offset, name=prior.BEAM_SIGMA),
-            "The beam's standard deviation is {size:g} deg {more}.", BEAM_CURE,
+            "The beam's sigma is {size:g} deg {more}.", BEAM_CURE,
             (-2.0, 2.0, -0.6, 0.6), "beam_sigma_std_deg", needs="beam"),
     *_kinds("power_x{by:g}", lambda sea, by: sea.offset(prior.POWER, np.log(by)),
             "The lamp has {by:g} times its power.", POWER_CURE,
@@ -360,7 +360,7 @@ KINDS = (
             (10.0,), "ambient_std_counts", needs="all light"),
     *_kinds("gradient_{by:g}",
             lambda sea, by: sea.light() + np.linspace(0.0, by, sea.model.array.side),
-            "Daylight adds 0 counts at the port edge and {by:g} at the starboard edge.",
+            "Daylight adds 0 counts at the port edge, {by:g} at the starboard edge.",
             GRADIENT_CURE, (10.0, 30.0), needs="all light"),
     *_kinds("second_lamp_{by:g}", partial(second_lamp, port_m=0.3),
             "A second lamp of {percent:g} % of the power is 0.3 m to port of the first.",
@@ -376,13 +376,13 @@ KINDS = (
             "carrier.", CARRIER_CURE, (0.3,), needs="modulation"),
     *_kinds("late_slots_{by:g}", late_slots,
             "The lamps light up and go out {percent:g} % of a slot late.",
-            "Trigger lamps and converter by one clock, or leave the first samples of a slot out.",
+            "Trigger lamps and converter by one clock, or skip the first samples of a slot.",
             (0.01,), needs="slots"),
     *_kinds("one_lamp_x{by:g}", one_lamp, "One of several lamps has {by:g} times its power.",
             "Calibrate the lamps again; clean their windows.", (0.9, 0.7), "lamps_power_std",
             lambda by: 1 - by, needs="lamps"),
     *_kinds("hidden_lamp", partial(one_lamp, by=0.0), "One of several lamps is off or hidden.",
-            "Look for `dark lamp` in the diagnostics, and keep the lamps clear of the hull.",
+            "Look for `dark lamp` in the diagnostics; keep the lamps clear of the hull.",
             needs="lamps"),
     *_kinds("gains_{by:g}", other_gains, "Each detector's gain is off by {percent:g} %, RMS.",
             GAIN_CURE, (0.005, 0.01, 0.02, 0.03), "gain_std"),
@@ -391,12 +391,12 @@ KINDS = (
             "Detectors read {by:g} % less at 30 deg of incidence.", ARRAY_CURE,
             (2, 5), "cosine_power_std", response_power),
     *_kinds("radius_x{by:g}", lambda sea, by: sea.offset(prior.RADIUS, np.log(by)),
-            "The sphere of the array is 5 % too small.", ARRAY_CURE,
+            "The array's sphere is 5 % too small.", ARRAY_CURE,
             (0.95,), "radius_std", lambda by: 0.05, needs="sphere"),
-    *_kinds("width_x{by:g}", wider, "The array is 5 % wider than the scene says.", ARRAY_CURE,
+    *_kinds("width_x{by:g}", wider, "The array is 5 % wider.", ARRAY_CURE,
             (1.05,), needs="sphere"),
     *_kinds("lamp_axis_{by:g}", turned_lamp, "The lamp points {by:g} deg to port of its frame.",
-            "Turn the lamp, or the frame `beacon`, by what `uuv_array calibrate` finds.",
+            "Turn the lamp, or `beacon`, by what `uuv_array calibrate` finds.",
             (2.0,), "lamp_aim_std_deg"),
     *_kinds("scattering_x{by:g}", lambda sea, by: sea.offset(prior.SCATTERING, np.log(by)),
             "The water scatters twice as much.", SEA_CURE,
@@ -405,43 +405,43 @@ KINDS = (
             "Two detectors read 0.8 of their light.", FAULT_CURE),
     *_kinds("glint", partial(some_detectors, number=1, counts=50.0),
             "One detector reads 50 counts more.",
-            "Shade the array from the surface; the estimator leaves such a detector out."),
+            "Shade the array from the surface; such a detector is left out."),
     *_kinds("dead_detector", partial(one_detector, full_scales=0.0),
             "One detector is dead.", FAULT_CURE),
     *_kinds("stuck_detector", partial(one_detector, full_scales=10.0),
             "One detector is stuck at full scale.", FAULT_CURE),
     *_kinds("dark_rows", partial(two_rows, gain=0.0),
-            "Two rows of the array are dark.", FAULT_CURE),
+            "Two rows are dark.", FAULT_CURE),
     *_kinds("dim_rows", partial(two_rows, gain=0.9),
-            "Two rows of the array read 0.9 of their light.", GAIN_CURE),
+            "Two rows read 0.9 of their light.", GAIN_CURE),
     *_kinds("shade_{by:g}", shade,
-            "An uneven, smooth shade changes the light over the array by {percent:g} %, RMS.",
+            "An uneven, smooth shade changes the light by {percent:g} %, RMS.",
             SHADE_CURE, (0.02, 0.05, 0.1)),
     *_kinds("half_shadow", half_shadow, "Half of the array lies in a hard shadow.", SHADE_CURE),
     *_kinds("rolled_{by:g}", lambda sea, by: sea.model.light(sea.poses, np.radians(by)),
             "The follower is rolled by {by:g} deg, which one lamp does not show.",
             "Set `use_imu` and connect the vehicle's IMU.", (15.0,)),
     *_kinds("aim_{by:g}", turned_mount, "The array is turned by {by:g} deg on its mount.",
-            "Align the array on its mount, or calibrate after each time that it was taken off.",
+            "Align the array, or calibrate each time after it was taken off.",
             (1.0,), "aim_std_deg"),
     *_kinds("mirrored", lambda sea: sea.light()[..., ::-1],
             "Port and starboard of the image are swapped.",
-            "Check the wiring of the array: row 0 is the top, column 0 the port edge."),
+            "Check the array's wiring: row 0 is the top, column 0 the port edge."),
     *_kinds("reflection", partial(second_lamp, by=0.1, above_m=1.0),
             "The surface, 0.5 m above the lamp, reflects a tenth of its light.",
             "Dive deeper or tilt the lamp down; near a calm surface trust no height."),
     *_kinds("moving", lambda sea: sea.model.light(
                 sea.poses, time_s=sea.rng.uniform(0, DAY_S, len(sea.poses))),
             "What moves in the scene moves: plume, flicker, drift.",
-            "Wait until the clouds have passed, or keep a distance at which the lamp outshines "
-            "them.", needs="motion"),
+            "Wait until the clouds have passed, or go so near that the lamp outshines them.",
+            needs="motion"),
     *_kinds("near_2m", Sea.light,
-            "The follower is 2 m behind the lamp, nearer than the table, and readings saturate.",
-            "Extend `table.x_m`, and lower the gain of the array for short ranges.",
+            "The follower is 2 m behind the lamp, nearer than the table; readings saturate.",
+            "Extend `table.x_m`, and lower the array's gain.",
             draw=near_poses),
     *_kinds("aside_1.5m", Sea.light,
             "The follower is 1.5 m off the beam's axis, outside of the table.",
-            "Extend `table.y_m` and `table.z_m` to where the vehicle can get.",
+            "Extend `table.y_m` and `table.z_m`.",
             draw=aside_poses),
     *_kinds("noise", lambda sea: sea.rng.uniform(
                 0, sea.model.scene.full_scale_counts, sea.light().shape),

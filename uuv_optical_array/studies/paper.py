@@ -1,4 +1,4 @@
-"""``uuv_array study paper``: repeat the figures of Eren et al. (2016), their numbers beside ours.
+"""``uuv_array study paper``: compare the figures of Eren et al. (2016) with ours.
 
 Repeat Figs 4, 5 and 6 of Eren et al. (2016): the spectral angle between the signatures of an
 aligned array and of one that is shifted to starboard or turned, for planar and curved arrays of

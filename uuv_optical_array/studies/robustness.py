@@ -1,4 +1,4 @@
-"""``uuv_array study robustness``: say what estimates are worth where the sea is not the scene.
+"""``uuv_array study robustness``: measure estimates where the sea is not the scene.
 
 Estimate poses from images of a sea that differs from the scene, kind of mismatch by kind: another
 lamp, other water, daylight, broken detectors, shade, no lamp at all. The estimator assumes the
@@ -179,9 +179,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
     options.add_method(parser)
-    about = "kinds of mismatch, with commas between them (default: all that the scene can have)"
+    about = "kinds of mismatch (default: all that the scene can have)"
     parser.add_argument("--kinds", metavar="NAME,...", help=about)
-    poses = Quantity("how many random poses of each kind", "", 1, 1e7)
+    poses = Quantity("random poses of each kind", "", 1, 1e7)
     options.add_number(parser, "poses", poses, 300)
     options.add_seed(parser)
     options.add_json(parser)

@@ -1,4 +1,4 @@
-"""``uuv_array study tradeoff``: measure what accuracy costs in time, by method and table.
+"""``uuv_array study tradeoff``: measure what accuracy costs in time.
 
 Measure error and time per frame of every method (sam, sam_interpolated, least_squares, and the
 published look-up and moments) on arrays of 3, 5, 7 and 21 detectors a side, planar and curved, with
@@ -322,7 +322,7 @@ def _draw_panel(axes: Any, rows: Sequence[Measurement], name: str) -> None:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "reference")
-    about = "every method, array and table, and more frames"
+    about = "all methods, arrays and tables, more frames"
     parser.add_argument("--full", action="store_true", help=about)
     options.add_json(parser)
     about = "folder of CSV file and picture, .png and .pdf (default: SCENE.tradeoff here)"

@@ -170,7 +170,7 @@ def detector_gains(
 def detector_faults(
     array: DetectorArray,
     *,
-    dead: Annotated[Cells, Quantity("detectors that see no light, [row, column]", "", 0, 500)] = (),
+    dead: Annotated[Cells, Quantity("detectors without light, [row, column]", "", 0, 500)] = (),
     stuck: Annotated[Cells, Quantity("detectors with one reading, [row, column]", "", 0, 500)] = (),
     stuck_counts: Annotated[float, Quantity("that reading", "counts", 0, 1e6)] = 0.0,
 ) -> tuple[Gain, Background]:

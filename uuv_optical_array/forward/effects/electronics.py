@@ -73,15 +73,11 @@ def photodiode(
     part: Part,
     bandwidth_hz: Annotated[float, Quantity("noise bandwidth", "Hz", 1e-3, 1e9)],
     load_ohm: Annotated[float, Quantity("load or feedback resistor", "ohm", 1, 1e12)],
-    amplifier_a_per_rthz: Annotated[
-        float, Quantity("current noise of the amplifier", "A/sqrt(Hz)", 0, 1)
-    ] = 0.0,
+    amplifier_a_per_rthz: Annotated[float, Quantity("current noise", "A/sqrt(Hz)", 0, 1)] = 0.0,
     temperature_c: Annotated[float, Quantity("of diode and resistor", "deg C", -40, 100)] = 20.0,
-    amps_per_count: Annotated[
-        float | None, Quantity("photocurrent of one count", "A", 1e-18, 1)
-    ] = None,
+    amps_per_count: Annotated[float | None, Quantity("photocurrent", "A", 1e-18, 1)] = None,
     watts_per_m2_per_count: Annotated[
-        float | None, Quantity("irradiance of one count", "W/m^2", 1e-15, 1e6)
+        float | None, Quantity("irradiance", "W/m^2", 1e-15, 1e6)
     ] = None,
 ) -> Noise:
     """Noise of a photodiode and its amplifier from the data sheet (Eren et al. 2016, eq. 7).
@@ -140,7 +136,7 @@ def detection(waveform: Waveform, lamps: int) -> Detection:
 def demodulation(
     array: DetectorArray,
     *,
-    waveform: Annotated[Waveform, Quantity("how the lamp is modulated")],
+    waveform: Annotated[Waveform, Quantity("of the lamp")],
     pedestal_counts: Annotated[
         float, Quantity("reading of darkness, so that noise stays above 0", "counts", 0, 1e4)
     ] = 20.0,

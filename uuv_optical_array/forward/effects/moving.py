@@ -38,7 +38,7 @@ def lamp_flicker(
 def lamp_drift(
     array: DetectorArray,
     *,
-    std: Annotated[float, Quantity("standard deviation of the power's logarithm", "", 0, 1)],
+    std: Annotated[float, Quantity("of the power's logarithm", "", 0, 1)],
     time_scale_s: Annotated[float, Quantity("time in which it changes", "s", 0.1, 1e6)],
     seed: Seed,
 ) -> Moving:

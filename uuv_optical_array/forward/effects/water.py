@@ -102,7 +102,7 @@ def ambient(
     array: DetectorArray,
     *,
     level_counts: Annotated[
-        float | None, Quantity("reading of the sea without the lamp", "counts", 0, 1e6)
+        float | None, Quantity("reading without the lamp", "counts", 0, 1e6)
     ] = None,
     surface_counts: Annotated[
         float | None, Quantity("that reading at the surface", "counts", 0, 1e12)
@@ -142,7 +142,7 @@ def hanning_blur(side: int, spacing_m: float, window_m: float) -> Array:
 def forward_scatter(
     array: DetectorArray,
     *,
-    window_m: Annotated[float, Quantity("full width of the window on the array", "m", 1e-3, 10)],
+    window_m: Annotated[float, Quantity("full width on the array", "m", 1e-3, 10)],
 ) -> Blur:
     """Blur the image with a two-dimensional Hanning window (Eren et al. 2016, eq. 6).
 

@@ -9,42 +9,42 @@ from typing import Any
 from uuv_optical_array.core.storage.files import PACKAGE
 
 YES, NO = ("true", "True", "1"), ("false", "False", "0")
-SCENE = "ready scene's name or a YAML file: lamp, water, array, electronics"
+SCENE = "ready scene's name or YAML file"
 COMMON = {
-    "params_file": ("", "your parameters; what they leave out keeps its default"),
-    "use_sim_time": ("", "whether the nodes use simulated time, from /clock"),
+    "params_file": ("", "your parameters; others keep their default"),
+    "use_sim_time": ("", "use simulated time, from /clock"),
     "use_respawn": (
         "false",
-        "whether a node that dies is started again; without, the launch ends with it",
+        "start a dead node again; without, the launch ends with it",
     ),
-    "rviz": ("false", "whether RViz opens"),
-    "rviz_config": ("", "what RViz shows: a file of its own kind"),
-    "publish_tf": ("", "whether the poses go to /tf too; with rviz they do unless told not to"),
-    "log_level": ("", "least severity that is logged: debug, info, warn or error"),
+    "rviz": ("false", "open RViz"),
+    "rviz_config": ("", "a file for RViz"),
+    "publish_tf": ("", "send poses to /tf; with rviz this is the default"),
+    "log_level": ("", "debug, info, warn or error"),
 }
 FOLLOW = {
     "scene": ("", SCENE),
     "namespace": ("", "of the follower's nodes"),
-    "frame_prefix": ("", "set before each frame, such as `rov_2/`"),
+    "frame_prefix": ("", "before each frame, such as `rov_2/`"),
     "leader_frame": ("", "the leader's frame on /tf"),
     "one_process": (
         "false",
-        "whether feature, estimator and formation node share a process, follower_node",
+        "feature, estimator and formation node in follower_node",
     ),
-    "simulator": ("true", "whether simulator_node makes the images; not where an array does"),
+    "simulator": ("true", "simulate the images; not where an array takes them"),
     "leader_odometry": (
         "leader/odometry",
-        "topic of the leader's odometry, for followers that share a leader",
+        "topic, for followers that share a leader",
     ),
     "demo": (
         "true",
-        "whether the two demo vehicles run, or which: follower, without a leader of its own, or "
-        "leader, without any node of a follower",
+        "run both demo vehicles, or `follower`, without a leader, or `leader`, without any node of "
+        "a follower",
     ),
-    "followers": ("1", "how many followers a leader alone waits for"),
+    "followers": ("1", "that a leader alone waits for"),
     "station": ("", "of the follower, [x, y, z] in the lamp's frame, m"),
-    "record": ("false", "whether rosbag2 records the topics of the run, as MCAP"),
-    "bag": ("", "folder of the record, a new one; without, rosbag2 names one by the time"),
+    "record": ("false", "record the run by rosbag2, as MCAP"),
+    "bag": ("", "new folder of the record; else named by the time"),
     **COMMON,
 }
 FOLLOWER = {  # what follower.launch.py has instead
@@ -53,14 +53,14 @@ FOLLOWER = {  # what follower.launch.py has instead
 }
 EACH = {  # what the launch of each vehicle of a formation gets
     "scene": ("formation", SCENE),
-    "one_process": ("true", "whether three nodes of each follower share a process, follower_node"),
+    "one_process": ("true", "three nodes of each follower in follower_node"),
     **COMMON,
 }
 FORMATION = {
     "followers": ("3", "how many followers"),
     "chain": (
         "true",
-        "whether the third and later ones are lit from a follower ahead, not by the leader",
+        "the third and later ones are lit by a follower ahead, not the leader",
     ),
     "namespace": ("", "of the whole formation"),
     **EACH,

@@ -130,26 +130,26 @@ class Parameters:
 
 
 SHARED = {
-    "scene": Parameter("follow", Quantity("a ready scene's name or a YAML file"), read_only=True),
+    "scene": Parameter("follow", Quantity("ready scene's name or YAML file"), read_only=True),
     "frame_prefix": Parameter(
-        "", Quantity("set before each frame's name; a name that begins with / stands alone"), True
+        "", Quantity("before each frame's name, unless that begins with /"), True
     ),
     "base_frame": Parameter("follower/base_link", Quantity("the follower's own frame"), True),
     "beacon_frame": Parameter(
-        BEACON_FRAME, Quantity("frame of the pose: the lamp's; ending in _ned, it is NED"), True
+        BEACON_FRAME, Quantity("the lamp's frame; ending in _ned, it is NED"), True
     ),
     "beacon_position_m": Parameter(
         [0.0, 0.0, 0.0], Quantity("the lamp in the leader's base_link", "m", -100, 100), True
     ),
     "odometry_axes": Parameter(
         "flu",
-        Quantity("axes of both odometries: REP 103's, or NED and forward-right-down"),
+        Quantity("of both odometries: REP 103, or NED and forward-right-down"),
         True,
         ("flu", "frd"),
     ),
     "max_gap_s": Parameter(MAX_GAP_S, MAX_GAP, True),
     "publish_tf": Parameter(
-        False, Quantity("whether frames go to /tf too, where tf2_msgs is installed"), True
+        False, Quantity("send frames to /tf, where tf2_msgs is installed"), True
     ),
 }
 

@@ -3,18 +3,18 @@
 The kind of a text stands before its colon; a topic's name and a comma may come before the kind.
 """
 
-_DRIVER = "The node that publishes the topic does not keep to the table of topics."
+_DRIVER = "Correct the node that publishes it, by the table of topics."
 _STAMPS = "Give each exposure its own stamp; look for a second publisher on `array/image`."
 
 # Frames that get no pose, and messages that are not used. WARN.
 REFUSALS = {
-    "no light": "Look at `array/image`. Bring the lamp into view; check its supply and the window.",
+    "no light": "Look at `array/image`; bring the lamp into view; check its supply and the window.",
     "no pattern": (
         "Look at `array/image`; back off from the lamp; check the array's cable and gain."
     ),
-    "above full scale": "Correct `effects.adc` of the scene to the converter that is mounted.",
+    "above full scale": "Correct `effects.adc` to the mounted converter.",
     "not five finite numbers": "Restart the feature node; check its input.",
-    "not of this array": "Set the same `scene` for the feature and the estimator node.",
+    "not of this array": "Set one `scene` for feature and estimator node.",
     "another image": _STAMPS,
     "frozen": "Restart the array's driver; check its cable.",
     "no match": "Come closer to the station; else calibrate, or widen the scene's `table`.",
@@ -25,24 +25,20 @@ REFUSALS = {
         "If it lasts, raise `velocity_walk_m_per_s` and `turn_walk_deg_per_s`; see `own_motion`."
     ),
     "too uncertain": "Look at the estimator's diagnostics, and cure what they name.",
-    "late frame": "Look for load and for a network between the array and the estimator.",
+    "late frame": "Look for load, and for a network between array and estimator.",
     "repeated stamp": _STAMPS,
     "stamp not later": (
-        "Look for a second publisher and for a clock that is set back. It recovers by itself."
+        "Look for a second publisher, or a clock that is set back. It recovers by itself."
     ),
-    "stamp ahead": (
-        "If it lasts, let the driver stamp each exposure by a clock that is synchronised."
-    ),
-    "wrong frame": (
-        "Set the same `beacon_frame` and `frame_prefix` for the estimator and the formation node."
-    ),
-    "no image": "Let the array's driver and the feature node keep one stamp; see `use_image`.",
+    "stamp ahead": "If it lasts, let the driver stamp by a synchronised clock.",
+    "wrong frame": "Set one `beacon_frame` and `frame_prefix` for estimator and formation node.",
+    "no image": "Let driver and feature node keep the stamp; see `use_image`.",
     "no table": "See the error `table ...`.",
     "no roll": (
-        "Check the IMU's topic and clock, or raise `max_imu_age_s`; else set `use_imu` to false."
+        "Check the IMU's topic and clock, raise `max_imu_age_s`, or set `use_imu` to false."
     ),
     "no orientation": "Remap `imu` to the topic of its filter, or set `use_imu` to false.",
-    "not finite": "Check the node that publishes it; if it is this one, report it with a bag.",
+    "not finite": "Check its publisher; if it is this node, report it with a bag.",
     "out of bounds": _DRIVER,
     "bad attitude": _DRIVER,
     "wrong encoding": _DRIVER,
@@ -72,14 +68,10 @@ WARNINGS = {
     ),
     "old stamps": "Set the clocks (NTP, PTP), or `use_sim_time` for a bag.",
     "future stamps": "Set the clocks (NTP, PTP); check who publishes `/clock`.",
-    "no clock": (
-        "Start what publishes `/clock`, such as the simulator, or set `use_sim_time` to false."
-    ),
+    "no clock": "Start what publishes `/clock`, or set `use_sim_time` to false.",
     "zero stamp": "Let the driver stamp each exposure.",
-    "dark lamp": "Look whether it is switched on, and whether something hides it.",
-    "faulty detector": (
-        "Clean or repair the detector; until then name it in `effects.detector_faults`."
-    ),
+    "dark lamp": "Look whether it is on, and what may hide it.",
+    "faulty detector": "Clean or repair it; until then name it in `effects.detector_faults`.",
     "not engaged": "Call its service `~/engage` (std_srvs/SetBool) with true.",
     "follower waits": "Start the leader (`demo:=leader`), or let `leader_odometry` name its topic.",
     "leader waits": "It sets off when each `estimator_node` has a pose and its `fit` is compiled.",

@@ -4,6 +4,7 @@ import math
 import re
 from importlib.util import find_spec
 
+import numpy as np
 import pytest
 import rclpy
 import yaml
@@ -139,10 +140,28 @@ def test_what_may_change_takes_both_bounds_and_refuses_all_beyond(lab, name, sce
     }
 
 
-def test_words_to_choose_from_are_described(lab, scene_file):
-    node = begin(lab, "estimator_node", scene_file)
-    words = node.describe_parameter("method").additional_constraints
-    assert words == "sam or sam_interpolated or least_squares"
+@pytest.mark.parametrize(
+    ("node", "name", "words"),
+    [
+        ("estimator_node", "method", "sam or sam_interpolated or least_squares"),
+        ("estimator_node", "beacon_position_m", "3 numbers, each from -100 to 100 m"),
+        ("simulator_node", "lamp_power", "numbers, each from 0 to 100"),
+    ],
+)
+def test_words_to_choose_from_and_bounds_of_lists_are_described(lab, scene_file, node, name, words):
+    node = begin(lab, node, scene_file)
+    assert node.describe_parameter(name).additional_constraints == words
+
+
+def test_whole_numbers_are_taken_for_any(lab, scene_file):
+    whole = {"max_imu_age_s": 2, "beacon_position_m": [1, 2, 3]}
+    lab.begin({"scene": scene_file} | {f"estimator_node:{name}": whole[name] for name in whole})
+    node = lab.start(estimator_node.EstimatorNode)
+    for name, value in whole.items():
+        present = node.get_parameter(name)
+        assert np.array_equal(present.value, value)
+        assert present.type_.value == node.describe_parameter(name).type
+        assert present.type_.name.startswith("DOUBLE")
 
 
 def test_a_name_that_no_node_has_is_reported_with_the_nearest_that_exists(
@@ -160,14 +179,19 @@ def test_a_name_that_no_node_has_is_reported_with_the_nearest_that_exists(
 # Node, start parameter, and what the one line must name.
 BAD_STARTS = [
     ("feature_node", "min_peak_counts:=.nan", ("nan", "from 0 to 65535 counts")),
-    ("feature_node", "min_peak_counts:=high", ("high", "DOUBLE")),
+    ("feature_node", "min_peak_counts:=high", ("'high' is not a number", "from 0 to 65535 counts")),
+    ("feature_node", "scene:=7", ("7 is not a text", "in quotes")),
+    ("estimator_node", "use_imu:=7", ("7 is not a switch", "true or false")),
     ("feature_node", "scene:=atlantis", ("atlantis", "follow", "reference")),
     ("estimator_node", "neighbours:=1", ("1", "from 2 to 10000 rows")),
     ("estimator_node", "tf_parent:=leader", ("leader", "beacon or base")),
     ("estimator_node", "use_image:=false", ("least_squares", "sam_interpolated")),
-    ("simulator_node", "seed:=1.5", ("1.5", "INTEGER")),
+    ("simulator_node", "seed:=1.5", ("1.5 is not a whole number", "from -1 to")),
     ("simulator_node", "odometry_axes:=ned", ("ned", "flu or frd")),
     ("simulator_node", "beacon_position_m:=[0.0,0.0]", ("2 values", "3")),
+    ("simulator_node", "beacon_position_m:=7.0", ("7.0 is no list of numbers",)),
+    ("simulator_node", "beacon_position_m:=[true,true,true]", ("[0]: True is not a number",)),
+    ("simulator_node", "lamp_power:=[]", ("no list of numbers",)),
     ("simulator_node", "beacon_position_m:=[0.0,0.0,-101.0]", ("[2]", "-101.0", "to 100 m")),
     ("formation_node", "station_m:=[-0.4,0.0,0.0]", ("-0.4", "from -50 to -0.5 m")),
     ("formation_node", "min_distance_m:=8.0", ("8", "4.5 m from the lamp", "move station_m")),

@@ -2,6 +2,7 @@
 
 import difflib
 import re
+from array import array
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
@@ -22,6 +23,8 @@ from uuv_optical_array.core.storage.files import shared_file
 
 Settings = TypeVar("Settings")
 DEFAULTS = "config/follow.yaml"  # lists every parameter of every node, commented out
+# What a value that is no number must be, by its type.
+WORDS = {bool: "a switch; give true or false", str: "a text; give one, in quotes: \"'...'\""}
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,7 @@ class Parameter:
         """Return what ``ros2 param describe`` shows."""
         unit = f" [{self.quantity.unit}]" if self.quantity.unit else ""
         descriptor = ParameterDescriptor(
+            type=RosParameter.Type.from_parameter_value(self.default).value,
             description=self.quantity.text + unit,
             read_only=self.read_only,
             additional_constraints=" or ".join(self.choices),
@@ -48,20 +52,28 @@ class Parameter:
             descriptor.floating_point_range = [span]
         elif kind is int:
             descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+        elif kind is list:  # for which ROS has no range
+            number = "" if self.any_length else f"{len(self.default)} "
+            bounds = self.quantity.bounds()
+            descriptor.additional_constraints = f"{number}numbers, each {bounds}"
         return descriptor
 
-    def check(self, name: str, value: Any) -> None:
-        """Raise ValueError where a value is of the wrong type or out of bounds."""
+    def check(self, name: str, value: Any) -> Any:
+        """Return a value as its type; ValueError for a wrong type or one out of bounds."""
+        kind = type(self.default)
         if self.choices and value not in self.choices:
             raise ValueError(f"{name}: {value!r} is unknown; choose {' or '.join(self.choices)}")
-        if isinstance(self.default, bool | str):
-            return
-        if isinstance(self.default, list):
-            if len(value) != len(self.default) and not self.any_length:
-                raise ValueError(f"{name}: {len(value)} values; give {len(self.default)}")
-            check(Annotated[Numbers, self.quantity], list(value), name)
-        else:
-            check(Annotated[type(self.default), self.quantity], value, name)
+        if kind in WORDS:
+            if not isinstance(value, kind):
+                raise ValueError(f"{name}: {value!r} is not {WORDS[kind]}")
+            return value
+        if kind is not list:
+            return check(Annotated[kind, self.quantity], value, name)
+        values = value.tolist() if isinstance(value, array) else value
+        values = check(Annotated[Numbers, self.quantity], values, name)
+        if len(values) != len(self.default) and not self.any_length:
+            raise ValueError(f"{name}: {len(values)} values; give {len(self.default)}")
+        return values
 
 
 class Parameters:
@@ -79,12 +91,13 @@ class Parameters:
     ) -> None:
         self._node, self._declared, self._apply = node, declarations, apply
         for name, parameter in declarations.items():
-            # Declared without its range first, so that a bad start value meets our own words.
-            present = node.declare_parameter(name, parameter.default)
-            parameter.check(name, present.value)
+            # Declared without type and range first, so that a bad start value meets our own words.
+            free = ParameterDescriptor(dynamic_typing=True)
+            given = node.declare_parameter(name, parameter.default, free).value
             descriptor = parameter.descriptor()
-            descriptor.type = present.type_.value
-            node.set_descriptor(name, descriptor)
+            kind = RosParameter.Type(descriptor.type)
+            taken = RosParameter(name, kind, parameter.check(name, given))
+            node.set_descriptor(name, descriptor, taken.get_parameter_value())
         node.add_on_set_parameters_callback(self._on_set)
         self._warn_of_unknown()
 

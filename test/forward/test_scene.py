@@ -124,6 +124,7 @@ def test_full_scale_is_the_lowest_limit_or_else_the_reference_reading(effects, e
     ("path", "value", "words"),
     [
         ("lamp.beam_sigma_rad", 8.0, ["lamp.beam_sigma_rad", "did you mean beam_sigma_deg?"]),
+        ("prior.gain_error", 0.1, ["prior.gain_error: unknown key", "known here: known, lamp"]),
         ("lmap", {}, ["lmap: unknown key", "did you mean lamp?"]),
         ("array.colour", "red", ["array.colour: unknown key", "known here: shape, detectors"]),
         ("lamp.beam_sigma_deg", "8 deg", ["'8 deg' is not a number", "without a unit", "90 deg"]),

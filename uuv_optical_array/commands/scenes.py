@@ -19,12 +19,11 @@ import argparse
 import inspect
 import textwrap
 from collections.abc import Callable, Iterator
-from difflib import get_close_matches
 from typing import Any
 
 from uuv_optical_array.cli import options
 from uuv_optical_array.commands.limits import REACH_M, reach
-from uuv_optical_array.core.settings import Setting, Span, declared, summary
+from uuv_optical_array.core.settings import Setting, Span, declared, hint, summary
 from uuv_optical_array.core.storage import files, yaml_text
 from uuv_optical_array.forward import scene_files
 from uuv_optical_array.forward.effects import EFFECTS
@@ -134,8 +133,7 @@ def run(args: argparse.Namespace) -> int:
         keys = [f"{owner}.{key}" for owner in OWNERS for key in declared(OWNERS[owner])]
         known = [*ready_scenes(), "effects", *OWNERS, *keys]
         known += [full.rpartition(".")[2] for full in known if "." in full]
-        near = get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]}?" if near else "uuv_array scenes lists the ready ones"
         kinds = "ready scene, .yaml file, group, effect or key"
-        raise options.OptionError(f"{name}: no {kinds}; {hint}")
+        text = hint(name, known, "uuv_array scenes lists the ready ones")
+        raise options.OptionError(f"{name}: no {kinds}; {text}")
     return 0

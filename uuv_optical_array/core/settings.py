@@ -210,12 +210,17 @@ def summary(owner: Callable[..., Any]) -> str:
     return (inspect.getdoc(owner) or "").partition("\n")[0]
 
 
-def unknown(key: Any, known: typing.Iterable[str], where: str) -> ValueError:
+def hint(name: Any, known: typing.Iterable[str], otherwise: str) -> str:
+    """Ask whether the nearest known name is meant, or say something else where none is near."""
+    # As near as a name of four letters with a slip in one: what differs more is another word.
+    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.75)
+    return f"did you mean {near[0]}?" if near else otherwise
+
+
+def unknown(key: Any, known: typing.Collection[str], where: str) -> ValueError:
     """Return the error for an unknown key, with the nearest known one."""
-    known = list(known)
-    near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}"
-    return ValueError(f"{where}.{key}: unknown key; {hint}".lstrip("."))
+    text = hint(key, known, f"known here: {', '.join(known)}")
+    return ValueError(f"{where}.{key}: unknown key; {text}".lstrip("."))
 
 
 def check_all(owner: Callable[..., Any], values: Any, where: str) -> dict[str, Any]:

@@ -1,10 +1,10 @@
 """Scene files: where they are, and how they extend each other, as plain values."""
 
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from uuv_optical_array.core.settings import hint
 from uuv_optical_array.core.storage import files, yaml_text
 
 READY = "config/scenes"
@@ -43,10 +43,9 @@ def scene_file(name: str | Path, folder: Path = Path()) -> Path:
         return file
     ready = ready_scenes()
     if str(name) not in ready:
-        near = [f"; did you mean {match}?" for match in get_close_matches(str(name), ready, n=1)]
+        text = hint(name, ready, "`uuv_array scenes` says what each is")
         raise FileNotFoundError(
-            f"scene {name}: neither a .yaml file nor a ready scene ({', '.join(ready)})"
-            + "".join(near)
+            f"scene {name}: neither a .yaml file nor a ready scene ({', '.join(ready)}); {text}"
         )
     return files.shared_file(f"{READY}/{name}.yaml")
 

@@ -164,16 +164,18 @@ def test_whole_numbers_are_taken_for_any(lab, scene_file):
         assert present.type_.name.startswith("DOUBLE")
 
 
-def test_a_name_that_no_node_has_is_reported_with_the_nearest_that_exists(
+def test_a_name_that_no_node_has_is_reported_with_the_one_that_differs_by_a_slip(
     lab, scene_file, tmp_path, capfd
 ):
     given = tmp_path / "mine.yaml"
-    words = "staton_m: [-5.0, 0.0, 0.0]", "use_imu: true", "scene: reference"
+    words = "staton_m: [-5.0, 0.0, 0.0]", "use_imu: true", "scene: reference", "max_range: 9.0"
     given.write_text("/**:\n  ros__parameters:\n" + "".join(f"    {word}\n" for word in words))
     lab.begin({"scene": scene_file}, "--params-file", given)
     lab.start(NODES["feature_node"][1])
-    (line,) = (line for line in capfd.readouterr().err.splitlines() if "no node has" in line)
-    assert line.endswith("staton_m: no node has this parameter; the nearest name is station_m")
+    told = [line for line in capfd.readouterr().err.splitlines() if "no node has" in line]
+    slip, other = sorted(line.partition("]: ")[2] for line in told)[::-1]
+    assert slip == "staton_m: no node has this parameter; did you mean station_m?"
+    assert other.startswith("max_range: no node has this parameter; config/follow.yaml lists")
 
 
 # Node, start parameter, and what the one line must name.

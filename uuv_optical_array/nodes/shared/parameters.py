@@ -1,6 +1,5 @@
 """Node parameters, declared once: the descriptor, the check and the documentation follow."""
 
-import difflib
 import re
 from array import array
 from collections.abc import Callable, Mapping
@@ -18,7 +17,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
 from uuv_optical_array.core.messages import BEACON_FRAME
-from uuv_optical_array.core.settings import Numbers, Quantity, check, declared
+from uuv_optical_array.core.settings import Numbers, Quantity, check, declared, hint
 from uuv_optical_array.core.storage.files import shared_file
 
 Settings = TypeVar("Settings")
@@ -107,9 +106,8 @@ class Parameters:
         known = re.findall(r"^#    (\w+):", shared_file(DEFAULTS).read_text("utf-8"), re.M)
         for name in self._node._parameter_overrides:
             if not (name in known or self._node.has_parameter(name) or "qos_overrides." in name):
-                near = difflib.get_close_matches(name, known, 1, 0)[0]
-                text = f"{name}: no node has this parameter; the nearest name is {near}"
-                self._node.get_logger().warning(text)
+                text = hint(name, known, f"{DEFAULTS} lists those that there are")
+                self._node.get_logger().warning(f"{name}: no node has this parameter; {text}")
 
     def __getitem__(self, name: str) -> Any:
         """Return the present value of a parameter."""

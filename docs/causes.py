@@ -23,7 +23,7 @@ CAUSES = {
         "A newer one came first; it is tracked if within `buffer_s`, and not published."
     ),
     "repeated stamp": "Two frames have it.",
-    "stamp not later": "A stamp is repeated or in the wrong order.",
+    "stamp not later": "A stamp is repeated, not given, or in the wrong order.",
     "stamp ahead": "A single stamp is ahead of the clock.",
     "wrong frame": "The track is not in `beacon_frame`.",
     "no image": "Key parameters came without an image of their stamp.",

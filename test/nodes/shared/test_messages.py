@@ -319,6 +319,17 @@ def test_late_stamps_are_dropped_and_a_clock_that_was_set_back_starts_anew(stamp
     assert passed([round(1e9 * s) for s in stamps]) == [round(1e9 * s) for s in expected]
 
 
+@pytest.mark.parametrize("seconds", [0, 12])
+def test_only_of_stamps_that_are_alike_it_is_said_that_the_driver_gives_none(seconds):
+    order, words = StampOrder(), "the driver gives none: let it set `header.stamp`"
+    for stamp in (seconds, seconds + 1):
+        order.check(header(stamp, 0))
+        with pytest.raises(Refused, match=f"stamp not later: .*{words}"):
+            order.check(header(stamp, 0))
+    with pytest.raises(Refused, match=r"stamp not later: \d+\.0+ s came after \d+\.0+ s$"):
+        order.check(header(seconds, 0))
+
+
 def test_one_stamp_ahead_of_the_clock_is_dropped_and_a_clock_that_is_always_ahead_is_believed():
     def ages(*ahead_s):
         order, through = StampOrder(), []

@@ -91,7 +91,9 @@ class StampOrder:
             self._newest_ns, self._far_behind_ns = stamp, None
             return
         self._far_behind_ns = stamp if far else None
-        raise Refused(f"stamp not later: {stamp * 1e-9:.9f} s came after {newest * 1e-9:.9f} s")
+        text = f"stamp not later: {stamp * 1e-9:.9f} s came after {newest * 1e-9:.9f} s"
+        alike = "; if all are alike, the driver gives none: let it set `header.stamp`"
+        raise Refused(text + alike if stamp == newest else text)
 
 
 def image_to_message(image: Array, header: Header) -> Image:

@@ -28,7 +28,8 @@ REFUSALS = {
     "late frame": "Look for load, and for a network between array and estimator.",
     "repeated stamp": _STAMPS,
     "stamp not later": (
-        "Look for a second publisher, or a clock that is set back. It recovers by itself."
+        "Let the driver stamp each exposure; look for a second publisher, or a clock that is set "
+        "back. It recovers by itself."
     ),
     "stamp ahead": "If it lasts, let the driver stamp by a synchronised clock.",
     "wrong frame": "Set one `beacon_frame` and `frame_prefix` for estimator and formation node.",

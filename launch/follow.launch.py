@@ -3,6 +3,7 @@
 import os
 import re
 from pathlib import Path
+from typing import Annotated
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from launch import LaunchDescription
@@ -17,6 +18,7 @@ from uuv_optical_array.core.settings import Place, check
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, YES, declared, enclave
+from uuv_optical_array.nodes.vehicles_node import PARAMETERS
 from uuv_optical_array.recording.bag import RUN
 
 PACKAGE = "uuv_optical_array"
@@ -61,11 +63,13 @@ def nodes(context):
         arguments["publish_tf"] = True
     if given("station"):
         station = yaml_text.parse(given("station"))
-        arguments["station_m"] = list(check(Place, station, "station"))
+        bounded = Annotated[Place, PARAMETERS["station_m"].quantity]
+        arguments["station_m"] = list(check(bounded, station, "station"))
     alone = given("demo") in ("leader", "follower")
     if alone:
         arguments["vehicles"] = given("demo")
-        arguments["followers"] = check(int, yaml_text.parse(given("followers")), "followers")
+        wanted = yaml_text.parse(given("followers"))
+        arguments["followers"] = PARAMETERS["followers"].check("followers", wanted)
         if given("frame_prefix"):
             arguments["world_frame"] = "/odom"  # that of the leader
     if arguments:

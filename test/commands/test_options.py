@@ -100,7 +100,10 @@ REFUSED = [
     (("calibrate", "bag", "--pose-std", "-1", "0"), "--pose-std, position: -1.0 is out"),
     (("calibrate", "bag", "-o", "sea.txt"), ".yaml"),
     (("calibrate", "bag", "--noise", "--scene", "ideal"), "sensor_noise"),
-    (("follow", "--followers", "4", "--no-chain"), "4 is out of bounds; with no chain"),
+    (
+        ("follow", "--followers", "4", "--no-chain"),
+        "4 is out of bounds; it must be from 1 to 3 without a chain",
+    ),
     (("follow", "--duration", "nan"), "--duration: nan is out of bounds"),
     (("follow", "--duration", "soon"), "--duration: 'soon' is no number"),
     (("follow", "--params-file", "nowhere/p.yaml"), "nowhere/p.yaml: no such file"),

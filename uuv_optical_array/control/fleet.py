@@ -9,8 +9,9 @@ of a chain is as far behind as the law's fastest sway can follow, so there is no
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from uuv_optical_array.core.settings import Place
+from uuv_optical_array.core.settings import Place, Quantity, check
 
 MIN_SEPARATION_M = 1.0  # between the centres of two vehicles, each some half a metre long
 # How far a follower may be off its station: one that sees the leader, and one that sees another.
@@ -57,12 +58,8 @@ def vee(followers: int, chain: bool = True) -> list[Follower]:
     In a `chain`, of up to `MOST`, the third and fourth see the lamp of the one ahead on their arm;
     else all see the leader's, up to three, the third in the middle. ValueError for other numbers.
     """
-    most = MOST if chain else MOST_BY_LEADER
-    if not 1 <= followers <= most:
-        way = "a chain" if chain else "no chain"
-        raise ValueError(
-            f"followers: {followers} is out of bounds; with {way} it must be from 1 to {most}"
-        )
+    way, most = ("in a chain", MOST) if chain else ("without a chain", MOST_BY_LEADER)
+    check(Annotated[int, Quantity("", way, 1, most)], followers, "followers")
     fleet = []
     for number in range(1, followers + 1):
         x, y, z = FIRST_M if number <= 2 else SECOND_M

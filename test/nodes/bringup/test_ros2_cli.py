@@ -233,9 +233,9 @@ def test_a_follower_with_an_array_of_its_own_is_one_process(tmp_path):
     assert (tmp_path / "log").read_text().count("process started") == 1
 
 
-def launch_that_ends(folder, argument, file="follow.launch.py"):
-    """Launch with an argument that ends the launch by itself; return what it said."""
-    process = begin_launch(folder, file, argument)
+def launch_that_ends(folder, *words):
+    """Launch a file with arguments that end the launch by itself; return what it said."""
+    process = begin_launch(folder, *words)
     assert process.wait(timeout=PATIENCE_S) == 1
     with pytest.raises(ProcessLookupError):
         os.killpg(process.pid, 0)
@@ -254,16 +254,19 @@ def without_viewers():
     ("file", "argument", "words"),
     [
         ("follow", "station:=[1,2]", ("station", "[x, y, z]")),
+        ("follow", "station:=[a,0,0]", ("'a' is not a number", "from -50 to 50 m\n")),
         ("follow", "params_file:=/nowhere/p.yaml", ("/nowhere/p.yaml: no such file",)),
         ("follow", "scene:=nosuch", ("nosuch", "reference")),
         ("follow", "demo:=maybe", ("demo", "maybe", "'true'", "'false'")),
         ("formation", "followers:=0", ("followers: 0",)),
-        ("formation", "followers:=x", ("followers: 'x' is not a whole number",)),
+        ("formation", "followers:=x", ("followers: 'x' is not a whole number", "1 to 4 in a ch")),
+        ("follow", "log_level:=loud", ("log_level", "loud", "'debug'", "'fatal'")),
+        ("follow", "followers:=two demo:=leader", ("'two' is not a whole number", "1 to 100\n")),
         *without_viewers(),
     ],
 )
 def test_a_bad_argument_ends_the_launch_before_a_node_runs(tmp_path, file, argument, words):
-    text = launch_that_ends(tmp_path, argument, f"{file}.launch.py")
+    text = launch_that_ends(tmp_path, f"{file}.launch.py", *argument.split())
     for word in words:
         assert word in text
     assert "process started" not in text
@@ -272,7 +275,7 @@ def test_a_bad_argument_ends_the_launch_before_a_node_runs(tmp_path, file, argum
 def test_a_node_that_dies_ends_the_launch_and_every_other_node(tmp_path):
     bad = tmp_path / "bad.yaml"
     bad.write_text("/**/formation_node:\n  ros__parameters:\n    rate_hz: -1.0\n")
-    text = launch_that_ends(tmp_path, f"params_file:={bad}")
+    text = launch_that_ends(tmp_path, "follow.launch.py", f"params_file:={bad}")
     assert "formation_node died with exit code 1" in text
     assert len(re.findall("process started", text)) == 5
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from uuv_optical_array.core.storage.files import PACKAGE
 
+LEVELS = "debug", "info", "warn", "error", "fatal"
 YES, NO = ("true", "True", "1"), ("false", "False", "0")
 SCENE = "ready scene's name or YAML file"
 COMMON = {
@@ -20,7 +21,7 @@ COMMON = {
     "rviz": ("false", "open RViz"),
     "rviz_config": ("", "a file for RViz"),
     "publish_tf": ("", "send poses to /tf; with rviz this is the default"),
-    "log_level": ("", "debug, info, warn or error"),
+    "log_level": ("", f"least severity that is logged: {', '.join(LEVELS)}"),
 }
 FOLLOW = {
     "scene": ("", SCENE),
@@ -67,6 +68,9 @@ FORMATION = {
 }
 SWITCHES = {"chain", "demo", "rviz", "publish_tf", "record", "use_sim_time", "use_respawn"}
 SWITCHES |= {"one_process", "simulator"}
+CHOICES = {name: [*YES, *NO] for name in SWITCHES}
+CHOICES["demo"] += ["follower", "leader"]
+CHOICES["log_level"] = [*LEVELS, *map(str.upper, LEVELS)]
 
 
 def declared(arguments: Mapping[str, tuple[str, str]]) -> list[Any]:
@@ -75,8 +79,9 @@ def declared(arguments: Mapping[str, tuple[str, str]]) -> list[Any]:
 
     actions = []
     for name, (default, text) in arguments.items():
-        others = ["follower", "leader"] if name == "demo" else []
-        words = [*YES, *NO, *others, *([] if default else [""])] if name in SWITCHES else None
+        words = CHOICES.get(name)
+        if words and not default:
+            words = [*words, ""]
         actions.append(
             DeclareLaunchArgument(name, default_value=default, description=text, choices=words)
         )

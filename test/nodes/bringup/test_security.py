@@ -134,8 +134,21 @@ def test_a_policy_is_printed_where_ros_is_secured_too():
     secured = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
     command = [sys.executable, "-m", security.__name__, "--ros-args", "-r", "__ns:=/rov"]
     with begun(command, env=environment | secured) as process:
-        printed, _ = ended(process)
+        printed, told = ended(process)
     assert set(enclaves(printed)) <= set(security.PROCESSES)
+    assert "vehicles_node" not in told  # whose leader waits, where it runs
+
+
+@pytest.mark.parametrize(
+    ("word", "code", "text"),
+    [("--help", 0, "[--ros-args ...]"), ("--namespace", 2, "unrecognized arguments: --namespace")],
+)
+def test_help_and_a_wrong_option_end_the_program_without_a_policy(word, code, text):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    with begun([sys.executable, "-m", security.__name__, word], env=environment) as process:
+        printed, told = ended(process, code)
+    assert text in printed + told
+    assert "<policy" not in printed
 
 
 def test_the_policy_has_the_form_of_the_schema():

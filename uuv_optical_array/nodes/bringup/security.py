@@ -4,6 +4,7 @@
 with its arguments, such as ``--ros-args -p use_imu:=true``. Each executable has its own enclave.
 """
 
+import argparse
 import os
 import re
 import sys
@@ -14,6 +15,7 @@ from xml.etree import ElementTree
 import rclpy
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
@@ -150,8 +152,13 @@ def _add_profile(profiles: ElementTree.Element, node: Node) -> None:
 def main(args: list[str] | None = None) -> None:
     """Print the policy."""
     os.environ["ROS_SECURITY_ENABLE"] = "false"  # no enclave is needed to print what one allows
+    given = sys.argv[1:] if args is None else args
+    usage = "python3 -m uuv_optical_array.nodes.bringup.security [-h] [--ros-args ...]"
     try:
-        start(args)
+        # Nodes say of themselves what counts when they run.
+        start(["--ros-args", "--log-level", "warn", "--", *given])
+        parser = argparse.ArgumentParser(usage=usage, description=__doc__)
+        parser.parse_args(remove_ros_args(given))
         print(policy(), end="")
     except ValueError as error:
         sys.exit(str(error))

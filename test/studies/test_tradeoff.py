@@ -119,7 +119,7 @@ def test_settings_without_poses_or_worse_than_a_guess_are_on_no_front():
 @pytest.mark.parametrize("name", ["reference", "follow"])
 def test_full_plan_is_every_setting_once_and_quick_is_part_of_it(name):
     scene = load_scene(name)
-    full, quick = plan(scene, "full"), plan(scene, "quick")
+    full, quick = ([*map(dataclasses.astuple, plan(scene, mode))] for mode in ("full", "quick"))
     wanted = {
         (method, shape, side, steps)
         for shape in SHAPES

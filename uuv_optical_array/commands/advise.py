@@ -37,7 +37,7 @@ from uuv_optical_array.forward.working_volume import SPECIFICATION, lit_poses
 from uuv_optical_array.studies import tradeoff
 from uuv_optical_array.studies.shared.errors import position_and_angle
 from uuv_optical_array.studies.shared.results import read, write
-from uuv_optical_array.studies.tradeoff import SETTINGS_CSV, Measurement, Setting
+from uuv_optical_array.studies.tradeoff import SETTINGS_CSV, Measurement
 
 POSITION_M, ANGLE_DEG = float(SPECIFICATION[X]), float(SPECIFICATION[YAW])
 BOUNDED = 200  # poses whose bound is shown
@@ -88,21 +88,16 @@ def advise(rows: Sequence[Measurement], need: Need) -> tuple[Measurement, dict[s
     return row, {name: by for name, by in beyond.items() if not by <= 0}
 
 
-def scene_of(scene: Scene, row: Measurement) -> Scene:
-    """Return the scene of a setting."""
-    return Setting(row.method, row.shape, row.detectors_per_side, row.steps).scene(scene)
-
-
 def settings_of(scene: Scene, row: Measurement) -> dict[str, Any]:
     """Return what to change for a setting: groups of the scene, and the node's parameter."""
-    settings = scene_of(scene, row).settings()
+    settings = row.scene(scene).settings()
     changed = {group: settings[group] for group in ("array", "table")}
     return {"scene": changed, "estimator_node": {"method": row.method}}
 
 
 def calibrating(scene: Scene, row: Measurement) -> str:
     """Return what knowing the scene exactly would gain a setting; empty where it is so known."""
-    believed = scene_of(scene, row)
+    believed = row.scene(scene)
     if not believed.prior.nuisance_std():
         return ""
     exact = dataclasses.replace(believed, prior=PriorSettings())

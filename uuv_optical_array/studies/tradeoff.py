@@ -23,7 +23,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -69,7 +69,8 @@ ERRORS = {
 }
 
 
-class Setting(NamedTuple):
+@dataclass(frozen=True)
+class Setting:
     """A method with an array and a table."""
 
     method: str
@@ -122,17 +123,13 @@ def origin_of(scene: Scene, mode: Mode) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Measurement:
-    """The measured error and time of one setting, which is as in `Setting`.
+class Measurement(Setting):
+    """The measured error and time of a setting.
 
     Errors and bounds are RMS distances, and angles of pitch and yaw together: nan where no frame
     got a pose, inf where a pose is unobservable.
     """
 
-    method: str
-    shape: Shape
-    detectors_per_side: int
-    steps: int
     table_rows: int
     without_pose: float  # share of the frames
     position_m: float
@@ -202,16 +199,17 @@ def measure(
         result = errors.frame_errors(answer, yardstick, poses, images, range(frames))
         if len(result.errors) < frames:
             raise KeyboardInterrupt  # cut short, so no measurement
-        off = *rms(result.errors[result.posed]), *rms(bound.std), *rms(floor)
-        times = *result.frame_ms, result.model_ms, result.frame_ms[0] / result.model_ms, build_s
-        without = float((~result.posed).mean())
-        yield Measurement(*setting, rows, without, *off, *times, os.getloadavg()[0])
+        values: list[Any] = [*vars(setting).values(), rows, float((~result.posed).mean())]
+        values += [*rms(result.errors[result.posed]), *rms(bound.std), *rms(floor)]
+        values += [*result.frame_ms, result.model_ms, result.frame_ms[0] / result.model_ms]
+        values += [build_s, os.getloadavg()[0]]
+        yield Measurement(*values)
 
 
 def measure_all(scene: Scene, mode: Mode) -> tuple[list[Measurement], bool]:
     """Measure the settings of a mode, and say whether all are there, or Ctrl-C ended it early."""
     settings = plan(scene, mode)
-    groups = groupby(settings, lambda setting: setting[1:])
+    groups = groupby(settings, lambda one: (one.shape, one.detectors_per_side, one.steps))
     rows = (row for _, group in groups for row in measure(scene, [*group], FRAMES[mode], SEED))
     return until_interrupted(progress.over(rows, "setting", total=len(settings)))
 

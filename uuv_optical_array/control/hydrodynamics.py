@@ -18,6 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.control.sea import GRAVITY_M_PER_S2
 from uuv_optical_array.core.geometry import Array
@@ -68,18 +69,6 @@ def coriolis(mass: Array, velocity: Array) -> Array:
     return np.concatenate([_cross(turn, momentum[:3]), moment])
 
 
-def rotation_from(quaternion_xyzw: Array) -> Array:
-    """Return the rotation from the body to the world, shape ``(3, 3)``, of a unit quaternion."""
-    x, y, z, w = quaternion_xyzw.tolist()
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 def advance(
     body: Body, state: Array, thrust: Array, water: Water, t_s: float, step_s: float
 ) -> Array:
@@ -105,7 +94,7 @@ def advance(
 def _slope(
     body: Body, state: Array, thrust: Array, water_velocity: Array, water_acceleration: Array
 ) -> Array:
-    rotation, velocity = rotation_from(state[ATTITUDE]), state[VELOCITY]
+    rotation, velocity = Rotation.from_quat(state[ATTITUDE]).as_matrix(), state[VELOCITY]
     turn = velocity[3:]
     flow, flow_acceleration = rotation.T @ water_velocity, rotation.T @ water_acceleration
     # As the body sees it, the flow turns the other way.

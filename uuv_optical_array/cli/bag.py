@@ -8,12 +8,11 @@ from typing import Any, get_args
 
 from uuv_optical_array.cli import options, progress
 from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
-from uuv_optical_array.core.settings import Quantity, Setting
+from uuv_optical_array.core.messages import BEACON_POSITION
+from uuv_optical_array.core.settings import Setting
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.recording.images import Axes, Recording, Topics, read_recording
-
-BEACON = Quantity("the lamp in the leader's base_link", "m", -100, 100)
 
 
 def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bool = False) -> None:
@@ -27,9 +26,9 @@ def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bo
     words: dict[str, Any] = {"action": "append", "default": [], "metavar": "FROM:=TO"}
     parser.add_argument("-r", "--remap", help=about, **words)
     parser.set_defaults(topics=names)
-    metres = options.reader(Setting(float, BEACON, 0.0, optional=False))
+    metres = options.reader(Setting(float, BEACON_POSITION, 0.0, optional=False))
     words = {"type": metres, "nargs": 3, "default": [0.0, 0.0, 0.0], "metavar": ("X", "Y", "Z")}
-    about = f"{BEACON.text}, m (default: 0 0 0)"
+    about = f"{BEACON_POSITION.text}, m (default: 0 0 0)"
     parser.add_argument("--beacon-position", help=about, **words)
     about = "of base_link in both odometries (default: %(default)s)"
     parser.add_argument("--odometry-axes", choices=get_args(Axes), default="flu", help=about)

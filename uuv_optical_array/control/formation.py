@@ -48,6 +48,7 @@ from uuv_optical_array.estimation.tracking.motion import (
 )
 from uuv_optical_array.estimation.tracking.track import Outlier
 
+STATION = Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
 RANGE_STDS = 3.0  # how far a range may err, in standard deviations
 MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 
@@ -56,9 +57,7 @@ MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 class FormationSettings:
     """Station, gains and limits; ValueError for a station that is not behind the lamp."""
 
-    station_m: Annotated[
-        Place, Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
-    ] = (-4.5, 0.0, 0.0)
+    station_m: Annotated[Place, STATION] = (-4.5, 0.0, 0.0)
     min_distance_m: Annotated[
         float, Quantity("nearest to the lamp; 0 for no minimum", "m", 0, 50)
     ] = 2.0

@@ -20,6 +20,7 @@ import numpy as np
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
 
+CURRENT = Quantity("velocity of the current in the world", "m/s", -2, 2)
 GRAVITY_M_PER_S2 = 9.82  # as in von Benzon et al., 2022
 
 

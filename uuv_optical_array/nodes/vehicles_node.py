@@ -18,7 +18,7 @@ from rclpy.time import Time
 
 from uuv_optical_array.control.bluerov2 import BlueRov2
 from uuv_optical_array.control.formation import FormationSettings
-from uuv_optical_array.control.sea import Sea, WaveSettings
+from uuv_optical_array.control.sea import CURRENT, Sea, WaveSettings
 from uuv_optical_array.control.vehicles import Vehicle, lead, start_behind
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.messages import odometry_pose, twist_from_message
@@ -48,9 +48,7 @@ PARAMETERS = {
         True,
         tuple(MODELS),
     ),
-    "current_m_per_s": Parameter(
-        [0.0, 0.0, 0.0], Quantity("velocity of the current in the world", "m/s", -2, 2)
-    ),
+    "current_m_per_s": Parameter([0.0, 0.0, 0.0], CURRENT),
     **parameters_of(WaveSettings),
     "rate_hz": Parameter(10.0, Quantity("odometry messages a second", "Hz", 1, 1000), True),
     "station_m": Parameter(

@@ -74,13 +74,13 @@ def detector_ticks(*axes: "Axis", most: int = 6) -> None:
         axis.set_major_formatter("{x:.0f}")
 
 
-def array_image(axes: "Axes", image: Array, cmap: str = IMAGES, **style: Any) -> Any:
+def array_image(axes: "Axes", image: Array, **style: Any) -> Any:
     """Draw an image of an array, counts, ``(rows, columns)``, rows from the top, as vectors.
 
     Style is that of `Axes.pcolormesh`, whose mesh is returned for a colour bar.
     """
     rows, columns = (np.arange(count + 1) - 0.5 for count in image.shape)
-    mesh = axes.pcolormesh(columns, rows, image, cmap=cmap, **style)
+    mesh = axes.pcolormesh(columns, rows, image, cmap=IMAGES, **style)
     axes.set(xlim=columns[[0, -1]], ylim=rows[[-1, 0]], aspect="equal")
     detector_ticks(axes.xaxis, axes.yaxis)
     return mesh

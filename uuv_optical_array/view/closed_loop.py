@@ -5,8 +5,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from uuv_optical_array.control.formation import FormationController, FormationSettings
-from uuv_optical_array.control.sea import Sea
+from uuv_optical_array.control.formation import STATION, FormationController, FormationSettings
+from uuv_optical_array.control.sea import CURRENT, Sea
 from uuv_optical_array.control.vehicles import Vehicle, lead, start_behind
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, relative_pose
@@ -30,12 +30,8 @@ class Conditions:
     plume_depth: Annotated[
         float, Quantity("optical depth in the middle of a cloud; 0: none", "", 0, 20)
     ] = 0.0
-    current_m_per_s: Annotated[
-        Place, Quantity("velocity of the current in the world", "m/s", -2, 2)
-    ] = (0.0, 0.0, 0.0)
-    station_m: Annotated[
-        Place, Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
-    ] = FormationSettings.station_m
+    current_m_per_s: Annotated[Place, CURRENT] = (0.0, 0.0, 0.0)
+    station_m: Annotated[Place, STATION] = FormationSettings.station_m
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

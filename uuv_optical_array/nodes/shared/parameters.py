@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
-from uuv_optical_array.core.messages import BEACON_FRAME
+from uuv_optical_array.core.messages import BEACON_FRAME, BEACON_POSITION
 from uuv_optical_array.core.settings import Numbers, Quantity, check, declared, hint
 from uuv_optical_array.core.storage.files import shared_file
 
@@ -149,9 +149,7 @@ SHARED = {
     "beacon_frame": Parameter(
         BEACON_FRAME, Quantity("the lamp's frame; ending in _ned, it is NED"), True
     ),
-    "beacon_position_m": Parameter(
-        [0.0, 0.0, 0.0], Quantity("the lamp in the leader's base_link", "m", -100, 100), True
-    ),
+    "beacon_position_m": Parameter([0.0, 0.0, 0.0], BEACON_POSITION, True),
     "odometry_axes": Parameter(
         "flu",
         Quantity("of both odometries: REP 103, or NED and forward-right-down"),

@@ -40,10 +40,10 @@ SAMPLES = 200  # images at each pose
 WEIGHTS = (1.0, 1.0, 16.0)
 
 
-def lookup_scene(scene: Scene, grid: TableSettings = GRID) -> Scene:
+def lookup_scene(scene: Scene) -> Scene:
     """Return the scene with the dissertation's grid, and its peak at a whole detector."""
     signature = dataclasses.replace(scene.signature, peak="detector")
-    return dataclasses.replace(scene, table=grid, signature=signature)
+    return dataclasses.replace(scene, table=GRID, signature=signature)
 
 
 def _lit(image: ArrayLike, side: int) -> Array:

@@ -132,11 +132,8 @@ def hanning_blur(side: int, spacing_m: float, window_m: float) -> Array:
     steps = np.arange(-reach, reach + 1)
     weights = 0.5 * (1 + np.cos(2 * np.pi * steps * spacing_m / window_m))
     weights /= weights.sum()
-    source = (np.arange(side)[:, None] + steps) % (2 * side)
-    source = np.where(source < side, source, 2 * side - 1 - source)
-    matrix = np.zeros((side, side))
-    np.add.at(matrix, (np.arange(side)[:, None], source), weights)
-    return matrix
+    mirrored = np.pad(np.eye(side), ((reach, reach), (0, 0)), mode="symmetric")
+    return np.asarray(sum(w * mirrored[i : i + side] for i, w in enumerate(weights)))
 
 
 def forward_scatter(

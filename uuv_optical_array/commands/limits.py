@@ -23,21 +23,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array, X, Y
-from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.settings import check, declared
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.scene import Scene, TableSettings
 from uuv_optical_array.forward.working_volume import RANGES_M, SPECIFICATION
 from uuv_optical_array.plots.style import SHAPE_COLOURS, new_figure, save
 
-POSE = {
-    "X": Quantity("ahead of the lamp", "m", -1000, 1000),
-    "Y": Quantity("to port", "m", -1000, 1000),
-    "Z": Quantity("up", "m", -1000, 1000),
-    "PITCH_DEG": Quantity("bow down", "deg", -90, 90),
-    "YAW_DEG": Quantity("bow to port", "deg", -180, 180),
-}
+AXES = "X", "Y", "Z", "PITCH_DEG", "YAW_DEG"
+POSE = dict(zip(AXES, (axis.quantity for axis in declared(TableSettings).values()), strict=True))
 BEHIND_M: Array = np.linspace(RANGES_M[0], RANGES_M[-1], 81, dtype=float)
 ASIDE_M: Array = np.linspace(-1, 1, 81, dtype=float)
 REACH_M = np.linspace(0.5, 25.0, 246)  # where `reach` looks

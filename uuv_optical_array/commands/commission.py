@@ -19,6 +19,7 @@ that publishes its images. Ctrl-C writes nothing.
 
 import argparse
 import dataclasses
+from functools import partial
 from pathlib import Path
 
 from uuv_optical_array.calibration.acceptance import Acceptance, in_air
@@ -59,10 +60,7 @@ def run(args: argparse.Namespace) -> int:
     listen = None
     if args.bag is None:
         listen = needs("ros", "uuv_optical_array.nodes.shared.image_listener").listen
-
-    def show(line: str) -> None:
-        print(line, flush=True)
-
+    show = partial(print, flush=True)
     if "demodulation" in scene.effects:
         show(MODULATED)
     if args.lamp is None:

@@ -11,9 +11,12 @@ from hypothesis import strategies as st
 from scenes import READY, coarse_settings
 from scenes import changed as changed_scene
 
+from uuv_optical_array.core.settings import declared
 from uuv_optical_array.core.storage.files import shared_file
+from uuv_optical_array.forward.effects import EFFECTS
+from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import GROUPS, load_scene, scene_from_settings
 
 BLURRED = {"effects": {"forward_scatter": {"window_m": 0.3}}, "array": {"bow_m": 0.5}}
 FULL = coarse_settings(changed_scene("reference", **BLURRED))
@@ -237,3 +240,14 @@ def test_a_number_may_be_spelt_in_each_way_that_yaml_1_2_has(tmp_path):
     for spelt in ("1e-3", "1E-3", "1.e-3", "+1e-03", ".001", "0.1e-2"):
         file.write_text(yaml.safe_dump(FULL).replace("k_per_m: 0.1", f"k_per_m: {spelt}"))
         assert load_scene(file).effects["attenuation"]["k_per_m"] == 1e-3
+
+
+def test_every_number_of_a_scene_has_bounds():
+    effects = (effect.function for effect in EFFECTS.values())
+    settings = [
+        (o, *item) for o in (*GROUPS.values(), BeaconLamp, *effects) for item in declared(o).items()
+    ]
+    numbers = [(owner, name, one.quantity) for owner, name, one in settings if not one.choices]
+    assert len(numbers) > 60
+    for owner, name, quantity in numbers:
+        assert -math.inf < quantity.low < quantity.high < math.inf, (owner, name)

@@ -17,7 +17,10 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """Meaning of a declared value in one sentence, its unit (empty: none) and inclusive bounds."""
+    """Meaning of a declared value in one sentence, its unit (empty: none) and inclusive bounds.
+
+    A number has bounds, and a word, a switch or a text has none.
+    """
 
     text: str
     unit: str = ""
@@ -27,10 +30,6 @@ class Quantity:
     def bounds(self) -> str:
         """Return the bounds as printed in errors and tables."""
         unit = f" {self.unit}" if self.unit else ""
-        if math.isinf(self.low) and math.isinf(self.high):
-            return f"a finite number{unit}"
-        if math.isinf(self.high):
-            return f"at least {self.low:g}{unit}"
         return f"from {self.low:g} to {self.high:g}{unit}"
 
 
@@ -78,8 +77,7 @@ def _number(value: Any, quantity: Quantity, name: str, whole: bool) -> float | i
         raise ValueError(
             f"{name}: {value!r} is not {kind}; give {kind} without a unit, {quantity.bounds()}"
         )
-    # A whole number may be too large for isfinite, so the bounds come first.
-    if not (quantity.low <= value <= quantity.high and abs(value) < math.inf):
+    if not quantity.low <= value <= quantity.high:
         raise ValueError(f"{name}: {value!r} is out of bounds; it must be {quantity.bounds()}")
     return int(value) if whole else float(value) + 0.0  # no -0.0, which prints otherwise
 

@@ -8,11 +8,11 @@ from typing import Any, get_args
 
 from uuv_optical_array.cli import options, progress
 from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
-from uuv_optical_array.core.messages import BEACON_POSITION
+from uuv_optical_array.core.messages import BEACON_POSITION, Axes
 from uuv_optical_array.core.settings import Setting
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.recording.images import Axes, Recording, Topics, read_recording
+from uuv_optical_array.recording.images import Recording, Topics, read_recording
 
 
 def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bool = False) -> None:

@@ -4,7 +4,7 @@ Messages from outside are checked. Ours have the constants below, unless a param
 """
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 
@@ -19,6 +19,7 @@ MAX_POSITION_M = 1e8  # beyond any place on Earth in any of its grids
 # Faster than any underwater vehicle, m/s and rad/s: such numbers have other units.
 MAX_TWIST = np.repeat([10.0, 6.0], 3)
 NED, FRD = "_ned", "_frd"
+Axes: TypeAlias = Literal["flu", "frd"]  # of an odometry, see `odometry_pose`
 
 
 class Refused(ValueError):
@@ -104,7 +105,7 @@ def checked_quaternion(attitude: Any) -> Array:
     return quaternion / length
 
 
-def odometry_pose(message: Any, axes: str = "flu") -> tuple[Array, Array]:
+def odometry_pose(message: Any, axes: Axes = "flu") -> tuple[Array, Array]:
     """Unpack position, m, shape ``(3,)``, and attitude, x y z w, shape ``(4,)``, in REP 103's axes.
 
     The message's are ``flu``, which is REP 103, or ``frd``, aerospace: forward, right, down in NED.

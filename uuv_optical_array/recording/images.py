@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from uuv_optical_array.control.trajectory import MAX_GAP_S, TooEarly, Trajectory
 from uuv_optical_array.core import messages
 from uuv_optical_array.core.geometry import Array, relative_pose
-from uuv_optical_array.core.messages import Readout, Refused
+from uuv_optical_array.core.messages import Axes, Readout, Refused
 from uuv_optical_array.recording.bag import IMAGE, ODOMETRY, TWIST, opened
 
-Axes: TypeAlias = Literal["flu", "frd"]
 CLOCK_RESET_NS = 1_000_000_000  # no message is so late: the clock was set back
 
 

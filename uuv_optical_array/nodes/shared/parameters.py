@@ -4,7 +4,7 @@ import re
 from array import array
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_args
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
-from uuv_optical_array.core.messages import BEACON_FRAME, BEACON_POSITION
+from uuv_optical_array.core.messages import BEACON_FRAME, BEACON_POSITION, Axes
 from uuv_optical_array.core.settings import Numbers, Quantity, check, declared, hint
 from uuv_optical_array.core.storage.files import shared_file
 
@@ -154,7 +154,7 @@ SHARED = {
         "flu",
         Quantity("of both odometries: REP 103, or NED and forward-right-down"),
         True,
-        ("flu", "frd"),
+        get_args(Axes),
     ),
     "max_gap_s": Parameter(MAX_GAP_S, MAX_GAP, True),
     "publish_tf": Parameter(

@@ -59,7 +59,7 @@ PRIOR_HALF_EXTENTS = 3.0
 UNOBSERVABLE = 0.5
 # An image is as good as linear where its posterior's mode is within so many standard deviations of
 # its mean (0.1 near by, 1 from afar or of a planar array), and its range known to this share.
-BENT, FAR = 0.5, 0.1
+BENT, FAR = 0.5, 0.06
 # Poses of the working volume from which fits may start: more make no fit more exact.
 STARTS = 1024
 # Beside them poses nearer than that, and the share of the range that they go down to.

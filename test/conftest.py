@@ -17,7 +17,6 @@ from pathlib import Path
 
 import hypothesis
 import pytest
-import yaml
 
 PATIENCE_S = 120.0  # only a failure takes so long
 SCRATCH = tempfile.TemporaryDirectory(prefix="uuv_optical_array_test_")
@@ -374,17 +373,14 @@ def lab():
     lab.end()
 
 
-def write_scene(folder, name, changes=()):
-    """Write the reference scene with a table of 5^5 rows, and changes ``(group, key, value)``."""
-    from scenes import coarse_settings
+def write_scene(folder, name, **changes):
+    """Write the reference scene with a table of 5^5 rows, and with other settings."""
+    from scenes import changed, coarse
 
-    from uuv_optical_array.forward.scene import load_scene
+    from uuv_optical_array.forward.scene import save_scene
 
-    settings = coarse_settings(load_scene("reference"))
-    for *groups, key, value in changes:
-        functools.reduce(lambda inner, group: inner[group], groups, settings)[key] = value
     path = folder / f"{name}.yaml"
-    path.write_text(yaml.safe_dump(settings), encoding="utf-8")
+    save_scene(changed(coarse("reference"), **changes), path, "Of a test.")
     return path
 
 

@@ -1,6 +1,5 @@
 """Calibration: beside a second implementation, its standard errors, and what it cannot know."""
 
-import dataclasses
 import functools
 import re
 
@@ -25,25 +24,23 @@ from calibrated_seas import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import changed
 from scipy import optimize, stats
 
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import reading_variance
-from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene, save_scene
 
 reproducible = settings(max_examples=12)
 
 
 def test_light_and_least_squares_written_a_second_time_find_the_same():
     """All of it again, with SciPy's solver, gains by their logarithm and the gauge by the mean."""
-    scene = sea(gains=(0.08, 4))
-    effects = {
-        key: value for key, value in scene.effects.items() if key not in ("saturation", "adc")
-    }
-    scene = dataclasses.replace(scene, effects=effects)
-    bare = {"attenuation": {"k_per_m": 0.1}, "sensor_noise": effects["sensor_noise"]}
-    start = dataclasses.replace(load_scene("reference"), effects=bare)
+    no_limits = {"saturation": None, "adc": None}
+    scene, start = (
+        changed(some, effects=no_limits) for some in (sea(gains=(0.08, 4)), "reference")
+    )
     rng = np.random.default_rng(2)
     poses, rolls = drive(rng, 30)
     images = exposed(scene, poses, rng, rolls, TURNED)
@@ -154,7 +151,7 @@ def test_a_pose_that_is_off_by_far_more_than_told_is_left_out_and_errors_not_tol
     planar=st.booleans(),
 )
 def test_any_sea_is_found_from_the_ready_scene(sigma, reference, k, ambient, spread, seed, planar):
-    start, array = load_scene("reference"), {"shape": "planar", "detectors_per_side": 9}
+    start = load_scene("reference")
     scene = sea(
         gains=(spread, seed),
         lamp__beam_sigma_deg=sigma,
@@ -163,10 +160,8 @@ def test_any_sea_is_found_from_the_ready_scene(sigma, reference, k, ambient, spr
         ambient__level_counts=ambient,
     )
     if planar:
-        start, scene = (
-            scene_from_settings({**some.settings(), "array": array}, "planar")
-            for some in (start, scene)
-        )
+        array = {"shape": "planar", "detectors_per_side": 9, "radius_m": None}
+        start, scene = (changed(some, array=array) for some in (start, scene))
     found = calibrate(start, *recorded(scene, 60, seed))
     assert largest_pull(found, scene) < 5.5
     assert found.misfit == pytest.approx(1.0, abs=0.2)
@@ -192,7 +187,7 @@ def test_the_written_scene_reads_back_and_gives_the_light_of_the_fit(tmp_path):
     fixed = {"sea", "field_of_view", "ambient", "responsivity"}
     for name in again.effects.keys() - fixed:
         assert again.effects[name] == start.effects[name]
-    dark = dataclasses.replace(again, effects={**again.effects, "ambient": {"level_counts": 0.0}})
+    dark = changed(again, effects={"ambient": {"level_counts": 0.0}})
     aligned = ForwardModel(dark).light([-4.0, 0, 0, 0, 0])
     reference = named(found)["lamp.reference_counts"]
     assert aligned.max() == pytest.approx(reference.value, rel=1e-7)
@@ -333,8 +328,7 @@ def test_a_dead_detector_is_noticed_and_one_that_the_scene_names_is_left_out():
     del off["lamp.power"], off["lamp.reference_counts"], off["ambient.level_counts"]
     assert np.abs(list(off.values())).max() < 4
     faults = {"dead": [[1, 4]], "stuck": [[3, 0]], "stuck_counts": 512.0}
-    effects = {**load_scene("reference").effects, "detector_faults": faults}
-    start = scene_from_settings({**load_scene("reference").settings(), "effects": effects}, "named")
+    start = changed("reference", effects={"detector_faults": faults})
     again = calibrate(start, images, poses, rolls)
     assert not again.notes
     assert_same(again, found)
@@ -343,9 +337,7 @@ def test_a_dead_detector_is_noticed_and_one_that_the_scene_names_is_left_out():
 
 def test_a_background_that_would_be_negative_is_at_its_bound():
     rng = np.random.default_rng(19)
-    scene = sea(ambient__level_counts=0.0)
-    effects = {key: value for key, value in scene.effects.items() if key != "adc"}
-    scene = dataclasses.replace(scene, effects=effects)
+    scene = changed(sea(ambient__level_counts=0.0), effects={"adc": None})
     for _ in range(4):
         poses, rolls = drive(rng, 60)
         images = ForwardModel(scene).expose(poses, rng, rolls) - 0.5  # an amplifier's offset

@@ -5,21 +5,21 @@ import select
 
 import numpy as np
 import pytest
-import yaml
 from bags import image_message, write_bag
 from builtin_interfaces.msg import Time
 from command_line import PROGRAM, begun, ended, run
 from nav_msgs.msg import Odometry
 from needs import rosbags
 from odometries import odometry, time_of
+from scenes import changed
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 from test_wiring import torch_run
 
 from uuv_optical_array.core.messages import as_wired
-from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.signature.features import scene_parameters
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene, save_scene
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.shared.messages import features_from_message, image_to_message
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
@@ -101,10 +101,8 @@ def test_live_images_are_taken_until_both_sweeps_are_seen(lab, sent, tmp_path):
 
 def test_the_nodes_of_a_wired_array_see_what_those_of_a_right_one_see(lab, tmp_path):
     """The simulator sends readings as they are wired; the feature node sets them right."""
-    settings = load_scene("follow").settings()
-    settings["array"]["wiring"] = WIRED
-    path = tmp_path / "wired.yaml"
-    path.write_text(yaml.safe_dump(settings), encoding="utf-8")
+    scene, path = load_scene("follow"), tmp_path / "wired.yaml"
+    save_scene(changed(scene, array={"wiring": WIRED}), path, "Wired.")
     lab.begin({"scene": str(path), "simulator_node:seed": 5})
     for node in (SimulatorNode, FeatureNode):
         lab.start(node)
@@ -114,8 +112,6 @@ def test_the_nodes_of_a_wired_array_see_what_those_of_a_right_one_see(lab, tmp_p
     stamp = Time(sec=7)
     for talker, x in zip(talkers, (0.0, -6.0), strict=True):
         talker.publish(odometry(7 * 10**9, [x, 0.1 * x, 0.0]))
-    del settings["array"]["wiring"]
-    scene = scene_from_settings(settings, "right")
     pose = np.array([-6.0, -0.6, 0.0, 0.0, 0.0])
     image = ForwardModel(scene).expose(pose, np.random.default_rng(5), 0.0, time_s=7.0)
     sent = lab.answer(images, stamp)
@@ -123,5 +119,5 @@ def test_the_nodes_of_a_wired_array_see_what_those_of_a_right_one_see(lab, tmp_p
     np.testing.assert_array_equal(pixels[WIRED], image.ravel())
     assert (pixels != image.ravel()).any()
     found = features_from_message(lab.answer(features, stamp))
-    expected = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
+    expected = scene_parameters(image, scene)
     np.testing.assert_allclose(found, expected, rtol=1e-12)

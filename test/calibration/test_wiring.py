@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import changed
 
 from uuv_optical_array.calibration.wiring import TorchSweeps, description
 from uuv_optical_array.core.messages import as_wired, in_place
 from uuv_optical_array.forward.array import ArraySettings
-from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene, save_scene
 
 WIDTH_M, FULL, RATE_HZ = 0.4, 4095.0, 20
 # What the message shows of an image, written as NumPy does to the image, by what the report says.
@@ -124,12 +125,9 @@ def test_a_dead_detector_and_two_sweeps_along_one_axis_are_told():
 
 
 def test_a_scene_keeps_its_wiring_and_refuses_what_is_none(tmp_path):
-    scene = load_scene("follow")
-    plain = scene.settings()
-    assert "wiring" not in plain["array"]
+    assert "wiring" not in load_scene("follow").settings()["array"]
     turned = np.rot90(np.arange(25).reshape(5, 5)).ravel().tolist()
-    plain["array"]["wiring"] = turned
-    save_scene(scene_from_settings(plain, "turned"), tmp_path / "turned.yaml", "a test")
+    save_scene(changed("follow", array={"wiring": turned}), tmp_path / "turned.yaml", "a test")
     assert load_scene(tmp_path / "turned.yaml").array.wiring == turned
     for bad, words in (
         (list(range(24)), "24 places, but the array has 25"),
@@ -138,9 +136,8 @@ def test_a_scene_keeps_its_wiring_and_refuses_what_is_none(tmp_path):
         ([*turned[:-1], 0.5], "not a whole number"),
         ("mirrored", "no list of whole numbers"),
     ):
-        plain["array"]["wiring"] = bad
         with pytest.raises(ValueError, match=words):
-            scene_from_settings(plain, "bad")
+            changed("follow", array={"wiring": bad})
 
 
 def test_a_smaller_array_of_a_study_has_no_wiring():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from command_line import assert_picture, run
+from scenes import changed, make_scene
 from scipy.integrate import quad
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -18,15 +19,13 @@ from uuv_optical_array.estimation.information.tolerances import tolerances
 from uuv_optical_array.forward.effects import electronics
 from uuv_optical_array.forward.link_budget import Instrument, scene_with
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 FOLLOW = load_scene("follow")
 
 
 def test_counts_of_a_planar_array_in_clear_water_are_those_of_the_inverse_square():
-    settings = FOLLOW.with_shape("planar").settings()
-    settings |= {"effects": {}, "prior": {}}
-    scene = scene_with(scene_from_settings(settings, "clear"), it := Instrument(lamp_w=0.02))
+    scene = scene_with(make_scene("planar", effects={}), it := Instrument(lamp_w=0.02))
     sigma, range_m = math.radians(8), 5.6  # the array is 0.4 m ahead of base_link
     whole, _ = quad(lambda eta: math.exp(-((eta / sigma) ** 2) / 2) * math.sin(eta), 0, math.pi)
     watts_per_m2 = 0.02 * 0.85 / (2 * math.pi * whole) / range_m**2
@@ -62,11 +61,10 @@ def test_the_noise_in_the_dark_is_the_nep_of_a_data_sheet(shunt_ohm, nep, monkey
     """Hamamatsu G1735 and G1737: 0.4 A/W at their peak, noise of the shunt resistance alone."""
     part = electronics.PhotodiodePart(1.66e-6, 0.4, 0.0, shunt_ohm)
     monkeypatch.setitem(electronics.PARTS, "BPW34", part)
-    scene = FOLLOW.settings() | {"prior": {}}
     others = "capacitance_f", "amplifier_v_per_rthz", "amplifier_a_per_rthz", "converter_v_per_rthz"
     circuit = {"feedback_ohm": 1e10, "bits": 4, "full_scale_v": 1e-3, **dict.fromkeys(others, 0)}
     it = Instrument(lamp_w=1e-6, average_s=0.5, temperature_c=25, **circuit)
-    noise = ForwardModel(scene_with(scene_from_settings(scene, "dark"), it)).analogue_noise
+    noise = ForwardModel(scene_with(changed(FOLLOW, prior={}), it)).analogue_noise
     load = 1 / (1 + shunt_ohm / 1e10)  # the shunt's part of the conductance
     amps = math.sqrt(noise.variance * load) * it.amps_per_count
     assert amps / 0.4 == pytest.approx(nep, rel=0.025, abs=0)  # the sheet has two digits
@@ -148,8 +146,7 @@ def test_more_counts_than_a_scene_takes_are_refused(tmp_path):
 
 def test_errors_of_building_move_a_fit_as_told():
     """Fits by SciPy to the light of arrays with one wrong reading each, and of a larger sphere."""
-    settings = load_scene("reference").settings() | {"prior": {"known": "calibrated"}}
-    scene = scene_with(scene_from_settings(settings, "calibrated"), Instrument())
+    scene = scene_with(changed("reference", prior={"known": "calibrated"}), Instrument())
     pose = np.array([-5.0, 0.3, -0.2, 0.1, -0.15])
     model, stds = ForwardModel(scene), scene.prior.nuisance_std()
     right = model.light(pose).ravel()
@@ -185,9 +182,7 @@ def test_errors_of_building_move_a_fit_as_told():
         errors = [change[:, None] / 0.01 * gains for change in relative]
         expected = np.sqrt(np.square(errors).sum(axis=(0, 1)))
         np.testing.assert_allclose(told[name], expected, rtol=0.05, err_msg=name)
-    built = scene.settings()
-    built["array"]["radius_m"] += 1e-3
-    larger = ForwardModel(scene_from_settings(built, "larger"))
+    larger = ForwardModel(changed(scene, array={"radius_m": scene.array.radius_m + 1e-3}))
     larger.power = model.power
     np.testing.assert_allclose(
         told["the sphere's radius off by 1 mm"],

@@ -1,6 +1,5 @@
 """``uuv_array limits``: what it prints and draws."""
 
-import dataclasses
 import functools
 import re
 
@@ -8,11 +7,10 @@ import command_line
 import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
-from scenes import SHAPES, make_scene, std_m_deg
+from scenes import SHAPES, WATER, make_scene, std_m_deg
 
 from uuv_optical_array.commands import limits
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
@@ -78,8 +76,7 @@ def test_the_report_says_what_is_estimated_along_with_the_pose():
 
 def test_the_volume_is_that_of_the_paper_seen_from_above():
     # Detectors of different gain, so that port and starboard differ.
-    effects = load_scene("follow").effects | {"responsivity": {"spread": 0.3, "seed": 1}}
-    scene = dataclasses.replace(make_scene("planar"), effects=check_effects(effects))
+    scene = make_scene("planar", effects={**WATER, "responsivity": {"spread": 0.3, "seed": 1}})
     behind_m, aside_m = limits.BEHIND_M[::40], limits.ASIDE_M[30::40]
     assert behind_m.tolist() == [4, 6, 8]
     assert aside_m == pytest.approx([-0.25, 0.75])

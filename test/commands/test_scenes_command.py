@@ -5,7 +5,7 @@ import functools
 import command_line
 import numpy as np
 import pytest
-from scenes import READY
+from scenes import READY, changed
 
 from uuv_optical_array.commands import scenes as command
 from uuv_optical_array.commands.limits import REACH_M, reach
@@ -13,7 +13,7 @@ from uuv_optical_array.core.geometry import IN_DEGREES
 from uuv_optical_array.core.settings import declared
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.scene_files import scene_file, sentence
 
 run = functools.partial(command_line.run, "scenes")
@@ -60,10 +60,9 @@ def test_reach_is_where_the_bound_of_each_aligned_pose_meets_the_specification(n
 
 
 def test_reach_is_nowhere_in_the_dark_and_endless_without_noise():
-    dark = load_scene("reference").settings()
-    dark["lamp"]["reference_counts"] = 1.0
-    assert reach(scene_from_settings(dark, "dark")) is None
-    assert "reach nowhere" in command.figures(scene_from_settings(dark, "dark"))[1]
+    dark = changed("reference", lamp={"reference_counts": 1.0})
+    assert reach(dark) is None
+    assert "reach nowhere" in command.figures(dark)[1]
     assert reach(load_scene("ideal"))[1] == REACH_M[-1]
 
 

@@ -9,13 +9,13 @@ import pytest
 import yaml
 from generated import reference
 from pages import PACKAGE, PAGES, ROOT, without_blocks
-from scenes import coarse_settings
+from scenes import coarse
 
 from uuv_optical_array import build_table
 from uuv_optical_array.commands import build_parser
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation import estimator
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 FENCED = re.compile(r"^```(\S*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 BLOCKS = [
@@ -73,11 +73,6 @@ def check_yaml(block, folder):
                 PARAMETERS[node][key].check(key, value)
 
 
-def coarse(scene):
-    """Return a table of few rows for a scene, in place of the whole one."""
-    return build_table(scene_from_settings(coarse_settings(scene), scene.name))
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_no_block_of_code_is_passed_over(page):
     """A block that is indented has no language, by which it could be checked."""
@@ -94,7 +89,7 @@ def test_a_block_of_code_holds(language, block, tmp_path, monkeypatch):
         check_yaml(block, tmp_path)
     elif language == "python":
         monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(estimator, "build_table", coarse)
+        monkeypatch.setattr(estimator, "build_table", lambda scene: build_table(coarse(scene)))
         monkeypatch.setattr(compilation, "installed", lambda: False)  # not worth it here
         names = {}
         exec(block, names)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scenes import coarse_settings, squared_error
+from scenes import changed, coarse, nested, squared_error
 from scipy.stats import chi2
 
 from uuv_optical_array.core.geometry import DOF_NAMES, rotation_matrix
@@ -15,7 +15,6 @@ from uuv_optical_array.estimation.estimator import METHODS, Estimate, Estimator,
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature_table import build_table, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.usefixtures("strict_arithmetic")]
 
@@ -26,21 +25,14 @@ FULL = 1023.0
 
 
 @functools.cache
-def reference():
-    return load_scene("reference")
-
-
-@functools.cache
 def table_of(shape, number, changes=()):
     """Build the table of the reference scene on a 5^5 grid, with changes by dotted key."""
-    values = coarse_settings(reference())
-    values["array"] = {"shape": shape, "detectors_per_side": number}
-    if shape == "curved":
-        values["array"]["radius_m"] = 0.32
+    array = {"shape": shape, "detectors_per_side": number}
+    array["radius_m"] = 0.32 if shape == "curved" else None
+    scene = changed(coarse("reference"), array=array)
     for name, value in changes:
-        *groups, key = name.split(".")
-        functools.reduce(lambda group, inner: group[inner], groups, values)[key] = value
-    return build_table(scene_from_settings(values, "hard"))
+        scene = changed(scene, **nested(name, value))
+    return build_table(scene)
 
 
 @functools.cache

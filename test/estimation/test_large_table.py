@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import yaml
 from command_line import begun, ended, python
+from scenes import changed
 
 from uuv_optical_array.estimation.large_table import build_large_table, load_table
 from uuv_optical_array.estimation.signature_table import build_table
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
 
 SPANS = {
     "x_m": [-8.0, 4.0, 7],
@@ -33,12 +34,8 @@ def extra():
         pytest.importorskip(needed, reason="large tables need the extra cluster")
 
 
-def scene_with(group=None, **values):
-    settings = load_scene("reference").settings()
-    settings["table"] = dict(SPANS)
-    if group is not None:
-        settings[group].update(values)
-    return scene_from_settings(settings, "small")
+def scene_with(group="table", **values):
+    return changed(changed("reference", table=SPANS), **{group: values})
 
 
 def build(path, scene=None, **options):
@@ -86,7 +83,7 @@ def blocks(numbers):
     yield next(numbers)
     os.replace = os.rename = pathlib.Path.replace = die
     yield from numbers
-scene = scene_from_settings(yaml.safe_load(sys.argv[2]), "small")
+scene = scene_from_settings(yaml.safe_load(sys.argv[2]), "changed")
 large_table.build_large_table(
     sys.argv[1], scene, threads=1, block_rows=64, progress=blocks)"""
 
@@ -108,9 +105,8 @@ def test_a_build_that_is_killed_leaves_whole_blocks_and_goes_on_with_the_others(
 
 
 def test_ctrl_c_stops_the_command_and_the_same_command_finishes(tmp_path):
-    settings = load_scene("reference").settings()
-    settings["table"] = {axis: [*span[:2], 12] for axis, span in SPANS.items()}
-    (tmp_path / "sea.yaml").write_text(yaml.safe_dump(settings))
+    spans = {axis: [*span[:2], 12] for axis, span in SPANS.items()}
+    save_scene(changed("reference", table=spans), tmp_path / "sea.yaml", "A sea.")
     program = "from uuv_optical_array.programs import uuv_array; uuv_array()"
     words = [sys.executable, "-c", program, "table", "--scene", "sea.yaml"]
     with begun([*words, "--workers", "1"], cwd=tmp_path) as process:

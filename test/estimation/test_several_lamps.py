@@ -1,11 +1,10 @@
 """Poses by several lamps: as good as the bound; odds of the kinds of frame against integrals."""
 
-import dataclasses
 from contextlib import suppress
 
 import numpy as np
 import pytest
-from scenes import squared_error
+from scenes import changed, squared_error, with_prior
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import rolled
@@ -18,15 +17,12 @@ from uuv_optical_array.estimation.least_squares.problem import light_at, start_a
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import BEAM_SIGMA, ROLL
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies.mismatches import kinds_named
 
 # Without the aim of the whole lamp and of the array, which no image tells.
-LOADED = load_scene("leading_lights")
-SCENE = dataclasses.replace(
-    LOADED, prior=dataclasses.replace(LOADED.prior, aim_std_deg=0.0, lamp_aim_std_deg=0.0)
-)
+SCENE = with_prior(load_scene("leading_lights"), aim_std_deg=0.0, lamp_aim_std_deg=0.0)
 MODEL = ForwardModel(SCENE)
 COUNT = 60 if compilation.installed() else 5
 LOW, HIGH = [-8, -0.9, -0.9, -0.35, -0.35], [-4, 0.9, 0.9, 0.35, 0.35]
@@ -111,12 +107,9 @@ def test_a_lamp_that_is_off_is_left_out(estimator, dark):
 
 
 def test_poses_behind_clouds_that_shade_each_lamp_otherwise_are_as_wide_as_their_errors():
-    clouds, values = load_scene("night_plume"), SCENE.settings()
-    values["effects"]["plume"] = clouds.effects["plume"]
-    values["prior"] |= {
-        key: getattr(clouds.prior, key) for key in ("shade_probability", "shade_depth")
-    }
-    scene = scene_from_settings(values, "clouds")
+    clouds = load_scene("night_plume")
+    shades = {key: getattr(clouds.prior, key) for key in ("shade_probability", "shade_depth")}
+    scene = with_prior(changed(SCENE, effects={"plume": clouds.effects["plume"]}), **shades)
     model, rng = ForwardModel(scene), np.random.default_rng(5)
     wary, nees = Estimator(scene, compiled=compilation.installed()), []
     # From near by a cloud is as small as the array.

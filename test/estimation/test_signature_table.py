@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import second_forward
 from command_line import python
+from scenes import changed, make_scene
 from second_features import slow_key_parameters
 
 from uuv_optical_array.estimation.signature_table import (
@@ -20,7 +21,7 @@ from uuv_optical_array.estimation.signature_table import (
     machine_bytes,
 )
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -43,12 +44,8 @@ WATER = {
 
 def scene_with(effects=None, peak="subdetector", **spans):
     """Return the reference scene on a small grid, with other spans, effects and peak."""
-    settings = load_scene("reference").settings()
-    settings["table"] = {**SPANS, **spans}
-    settings["signature"]["peak"] = peak
-    if effects is not None:
-        settings["effects"] = effects
-    return scene_from_settings(settings, "small")
+    scene = load_scene("reference") if effects is None else make_scene(effects=effects)
+    return changed(scene, table={**SPANS, **spans}, signature={"peak": peak})
 
 
 def rows_by_hand(scene):
@@ -113,13 +110,13 @@ def test_blocks_do_not_show_in_the_table():
 
 
 def test_a_grid_without_any_light_is_refused():
-    with pytest.raises(ValueError, match=r"scene small: no pose of the table has 1 count"):
+    with pytest.raises(ValueError, match=r"scene changed: no pose of the table has 1 count"):
         build_table(scene_with(x_m=[2.0, 4.0, 2]))
 
 
 def test_a_table_too_large_for_the_machine_is_refused_with_the_figures():
     spans = {axis: [-1.0, 1.0, 10_000] for axis in SPANS}
-    with pytest.raises(ValueError, match=r"scene small: .* needs 2\.4e\+13 GB .*coarser grid"):
+    with pytest.raises(ValueError, match=r"scene changed: .* needs 2\.4e\+13 GB .*coarser grid"):
         build_table(scene_with(**spans))
     most = (machine_bytes() - PROCESS_BYTES) // ROW_BYTES
     check_memory(most, "mine")

@@ -15,15 +15,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from command_line import begun, ended
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import changed
 from sensor_msgs.msg import Image
 
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.scene import load_scene, save_scene
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -161,10 +161,8 @@ def test_the_sender_in_c_keeps_its_bounds(c_sender):
 
 
 def test_the_emulator_sends_the_images_of_its_scene(tmp_path):
-    scene = load_scene("follow").settings()
-    scene["array"]["wiring"] = np.arange(24, -1, -1).tolist()
-    path = tmp_path / "wired.yaml"
-    path.write_text(yaml.safe_dump(scene), encoding="utf-8")
+    wired, path = {"wiring": np.arange(24, -1, -1).tolist()}, tmp_path / "wired.yaml"
+    save_scene(changed("follow", array=wired), path, "Wired.")
     taken = list(itertools.islice(emulator.images(str(path), 10.0, 3), 3))
     assert [t for t, _ in taken] == [0.0, 0.1, 0.2]
     first = ForwardModel(load_scene("follow")).expose(

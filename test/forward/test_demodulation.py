@@ -1,10 +1,9 @@
 """A modulated lamp, beside synchronous detection sample by sample."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from calibrated_seas import drive, largest_pull
+from scenes import changed
 
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.forward.model import ForwardModel
@@ -73,9 +72,7 @@ def test_lamp_and_daylight_saturate_together_at_the_lamps_peak():
 
 def test_a_calibration_finds_lamp_and_gains_above_the_pedestal():
     truth = load_scene("sunlit_modulated")
-    start = dataclasses.replace(
-        truth, lamp=dataclasses.replace(truth.lamp, beam_sigma_deg=9.0, reference_counts=400.0)
-    )
+    start = changed(truth, lamp={"beam_sigma_deg": 9.0, "reference_counts": 400.0})
     rng = np.random.default_rng(4)
     poses, rolls = drive(rng, 150)
     found = calibrate(start, ForwardModel(truth).expose(poses, rng, rolls), poses, rolls)

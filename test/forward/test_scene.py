@@ -8,7 +8,7 @@ import pytest
 import yaml
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from scenes import READY, coarse_settings
+from scenes import READY, coarse
 from scenes import changed as changed_scene
 
 from uuv_optical_array.core.settings import declared
@@ -19,7 +19,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import GROUPS, load_scene, scene_from_settings
 
 BLURRED = {"effects": {"forward_scatter": {"window_m": 0.3}}, "array": {"bow_m": 0.5}}
-FULL = coarse_settings(changed_scene("reference", **BLURRED))
+FULL = coarse(changed_scene("reference", **BLURRED)).settings()
 # Another valid value of a key of each kind, from its documented range.
 VALUES = {
     "lamp.beam_sigma_deg": st.floats(0.1, 90),

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from scenes import changed
 
 from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import scene_from_settings
 from uuv_optical_array.forward.working_volume import (
     HIGH,
     LOW,
@@ -29,10 +29,9 @@ def test_poses_fill_the_volume_where_there_is_light(scene):
 
 
 def test_a_scene_too_dark_for_the_study_is_refused(scene):
-    settings = scene.settings()
-    settings["lamp"]["reference_counts"] = 5.0
-    with pytest.raises(ValueError, match=r"scene dark: none of .* peaks above 20 counts"):
-        lit_poses(ForwardModel(scene_from_settings(settings, "dark")), 5, np.random.default_rng())
+    dark = ForwardModel(changed(scene, lamp={"reference_counts": 5.0}))
+    with pytest.raises(ValueError, match=r"scene changed: none of .* peaks above 20 counts"):
+        lit_poses(dark, 5, np.random.default_rng())
 
 
 def test_a_guess_errs_by_the_spread_of_the_volume():

@@ -240,8 +240,7 @@ def test_a_seed_repeats_the_noise_and_minus_one_draws_a_new_one_at_each_start(
 
 def test_what_changes_with_time_is_that_of_the_stamp(lab, tmp_path):
     drift = {"std": 0.5, "time_scale_s": 3.0, "seed": 2}
-    scene_file = write_scene(tmp_path, "wavering", [("effects", "lamp_drift", drift)])
-    scene_file = str(scene_file)
+    scene_file = str(write_scene(tmp_path, "wavering", effects={"lamp_drift": drift}))
     sea = Sea(lab, scene_file)
     model, noise = ForwardModel(load_scene(scene_file)), np.random.default_rng(SEED)
     pose, roll = seen(ABREAST, BEHIND)

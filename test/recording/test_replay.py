@@ -93,7 +93,7 @@ def test_the_nodes_say_the_same_of_the_same_images(lab, drive, compiled_fit, tmp
     """Poses and tracks in a scene that learns, and of which images there are none."""
     _, stamps, images = drive
     count = 16
-    path = write_scene(tmp_path, "unsure", [("prior", "lamp_power_std", 0.1)])
+    path = write_scene(tmp_path, "unsure", prior={"lamp_power_std": 0.1})
     scene = load_scene(path)
     estimator = Estimator(scene)
     commands = [(int(stamp) - 10**7, np.array([0.2, 0, 0]), np.zeros(3)) for stamp in stamps[7:9]]

@@ -1,5 +1,8 @@
 """Scenes that several tests use, and how well they let a pose be known."""
 
+import dataclasses
+import functools
+
 import numpy as np
 
 from uuv_optical_array.core.storage.files import shared_file
@@ -37,16 +40,21 @@ def changed(scene, **changes):
     return scene_from_settings(merged(plain, changes), "changed")
 
 
+def nested(name, value):
+    """Return settings with one value, by its dotted name."""
+    return functools.reduce(lambda inner, key: {key: inner}, reversed(name.split(".")), value)
+
+
+def with_prior(scene, **values):
+    """Return a scene with other values in its prior."""
+    return dataclasses.replace(scene, prior=dataclasses.replace(scene.prior, **values))
+
+
 def coarse(scene, number=5):
     """Return a scene with `number` poses along each axis of its table."""
-    return scene_from_settings(coarse_settings(load_scene(scene), number), "coarse")
-
-
-def coarse_settings(scene, number=5):
-    """Return the settings of a scene with `number` poses along each axis of its table."""
-    settings = scene.settings()
-    settings["table"] = {key: [*span[:2], number] for key, span in settings["table"].items()}
-    return settings
+    scene = load_scene(scene) if isinstance(scene, str) else scene
+    spans = scene.settings()["table"].items()
+    return changed(scene, table={axis: [*span[:2], number] for axis, span in spans})
 
 
 def std_m_deg(model, poses):

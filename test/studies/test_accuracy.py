@@ -1,6 +1,5 @@
 """``uuv_array study accuracy``: statistics in closed form on planted errors, then real runs."""
 
-import dataclasses
 import functools
 import json
 
@@ -10,13 +9,13 @@ import numpy as np
 import pytest
 from blind import Blind
 from command_line import json_of
-from scenes import changed
+from scenes import changed, with_prior
 
 from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.likelihood import information
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene, save_scene
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies import accuracy
 from uuv_optical_array.studies.shared.errors import FrameErrors
@@ -167,10 +166,8 @@ def test_the_cost_of_a_setting_is_what_the_bound_gains_where_it_is_known():
     found = accuracy.costs(scene, poses)
     assert list(found)[:2] == ["as it is", "lamp_power_std"]
     assert "k_std_per_m" not in found, "coastal has absorption"
-    settings = scene.settings()
     for key in ("lamp_power_std", "cosine_power_std", "lamp_aim_std_deg"):
-        settings["prior"] = {**scene.settings()["prior"], key: 0.0}
-        model = ForwardModel(scene_from_settings(settings, "known"))
+        model = ForwardModel(with_prior(scene, **{key: 0.0}))
         square = [cramer_rao_bound(model, pose).std ** 2 for pose in poses]
         rms = np.sqrt(np.mean(square, axis=0)) * [1, 1, 1, 180 / np.pi, 180 / np.pi]
         assert list(found[key].values()) == pytest.approx(rms.tolist())
@@ -208,10 +205,7 @@ def test_lamps_of_one_power_are_compared_in_three_seas(tmp_path):
 
 @pytest.mark.parametrize("lamps", [1, 3])
 def test_behind_a_cloud_the_bound_is_that_of_five_more_unknowns(lamps):
-    scene = load_scene("leading_lights")
-    scene = dataclasses.replace(
-        scene, prior=dataclasses.replace(scene.prior, aim_std_deg=0.0, lamp_aim_std_deg=0.0)
-    )
+    scene = with_prior(load_scene("leading_lights"), aim_std_deg=0.0, lamp_aim_std_deg=0.0)
     cases = {(name["lamps"], name["sea"]): truth for name, truth, _ in accuracy.by_lamps(scene)}
     drawn, cloud = (ForwardModel(cases[lamps, sea]) for sea in ("drawn", "cloud"))
     # By the axis, so that no roll matters, and Legendre polynomials in place of the modes.

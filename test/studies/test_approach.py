@@ -1,13 +1,12 @@
 """``uuv_array study approach``: paths and noise against theory, then real runs."""
 
-import dataclasses
 import functools
 
 import command_line
 import numpy as np
 import pytest
 from command_line import json_of
-from scenes import coarse
+from scenes import changed, coarse, with_prior
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest, norm, uniform
@@ -87,15 +86,15 @@ def test_noise_is_uniform_and_the_estimator_assumes_its_spread(tank):
     case = CASES["zigzag"]
     scene = assumed_scene(tank, case)
     # Without the converter, whose rounding is taken into account apart.
-    effects = {name: values for name, values in scene.effects.items() if name != "adc"}
+    analogue = changed(scene, effects={"adc": None})
     rng = np.random.default_rng(2)
     sea = draw_offsets(30, rng)
-    plain = ForwardModel(dataclasses.replace(scene, effects=effects))
+    plain = ForwardModel(analogue)
     images = expose(plain, case.path, sea, rng)
     assert images.shape == (30, FRAMES, 5, 5)
     assert scene.effects["ambient"]["level_counts"] == pytest.approx(WIDTH / 2)
-    dark = {**effects, "ambient": {"level_counts": 0.0}}
-    lit, std = ForwardModel(dataclasses.replace(scene, effects=dark)), WIDTH / 12**0.5
+    lit = ForwardModel(changed(analogue, effects={"ambient": {"level_counts": 0.0}}))
+    std = WIDTH / 12**0.5
     for index in range(30):
         off = {name: np.full(FRAMES, values[index]) for name, values in sea.items()}
         residual = (images[index] - lit.light(case.path, 0.0, off))[images[index] < 1000]
@@ -122,9 +121,7 @@ def test_the_lamp_stays_the_same_in_murkier_water(tank):
 
 
 def test_a_scene_without_attenuation_is_refused(tank):
-    effects = {name: v for name, v in tank.effects.items() if name != "attenuation"}
-    prior = dataclasses.replace(tank.prior, k_std_per_m=0.0)
-    clear = dataclasses.replace(tank, effects=effects, prior=prior)
+    clear = changed(with_prior(tank, k_std_per_m=0.0), effects={"attenuation": None})
     with pytest.raises(ValueError, match=r"no effects.attenuation; add it"):
         assumed_scene(clear, CASES["dive"])
 

@@ -9,6 +9,7 @@ import second_forward
 from designs import CURVED, PLANAR, SMALL, rng, scene_with
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import changed
 from scipy.integrate import quad
 from scipy.special import dawsn
 from second_paper import second_angle, second_features
@@ -184,10 +185,9 @@ def test_a_sweep_of_lamps_has_one_lamp_once_and_none_in_one_place():
 
 @pytest.mark.parametrize("design", [PLANAR, CURVED])
 def test_the_bound_is_that_of_an_implementation_of_its_own(design):
-    scene = scene_with({"attenuation": {"k_per_m": 0.15}, "sensor_noise": {"sigma_counts": 2.0}})
+    effects = {"attenuation": {"k_per_m": 0.15}, "sensor_noise": {"sigma_counts": 2.0}}
     # A weak lamp leaves some of the poses dark.
-    weak = dataclasses.replace(scene.lamp, reference_counts=150.0)
-    scene = dataclasses.replace(scene, lamp=weak)
+    scene = changed(scene_with(effects), lamp={"reference_counts": 150.0})
     poses = uniform_poses(12, rng())
     assert (poses >= LOW).all()
     assert (poses <= HIGH).all()
@@ -219,9 +219,7 @@ def test_the_bound_is_that_of_an_implementation_of_its_own(design):
 
 
 def test_the_angles_are_those_of_a_second_implementation():
-    scene = load_scene("eren2016")
-    plain = {"attenuation": scene.effects["attenuation"]}
-    scene = dataclasses.replace(scene, effects=plain)
+    scene = scene_with({"attenuation": load_scene("eren2016").effects["attenuation"]}, "eren2016")
     design = Design("curved", 5, 0.4, 0.32, 4.5, 1, 0.0, 0.0)
     found = score(designed(scene, design), uniform_poses(2, rng()), rng())
 

@@ -1,9 +1,8 @@
 """The docking smoother: against dense algebra, an independent optimiser, and its own statistics."""
 
-import dataclasses
-
 import numpy as np
 import pytest
+from scenes import with_prior
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -212,14 +211,11 @@ def test_approaches_together_are_as_one_by_one(model):
 
 
 def test_a_known_sea_has_no_settings_to_estimate(model):
-    known = dataclasses.replace(
-        model.scene,
-        prior=dataclasses.replace(model.scene.prior, lamp_power_std=0.0, k_std_per_m=0.0),
-    )
+    known = ForwardModel(with_prior(model.scene, lamp_power_std=0.0, k_std_per_m=0.0))
     path = straight(6)
-    motion = Motion(ForwardModel(known), STEP_S, **SETTINGS)
+    motion = Motion(known, STEP_S, **SETTINGS)
     assert (bound(motion, path) < bound(Motion(model, STEP_S, **SETTINGS), path)).all()
-    poses, _, _ = smoothed(motion, ForwardModel(known).expected(path)[None], path[None, 0])
+    poses, _, _ = smoothed(motion, known.expected(path)[None], path[None, 0])
     np.testing.assert_allclose(poses[0, -1], path[-1], atol=5e-3)
 
 

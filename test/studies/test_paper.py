@@ -11,6 +11,7 @@ import command_line
 import numpy as np
 import pytest
 from conftest import sketching
+from designs import scene_with
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.markers import CARETDOWN, CARETUP
@@ -19,7 +20,7 @@ from second_paper import second_angle, second_features, second_image
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies import paper
 from uuv_optical_array.studies.shared.separation import (
     Conditions,
@@ -101,8 +102,7 @@ def test_noise_is_the_mean_angle_between_noisy_rounded_readings(scene):
 
 def test_the_noise_replaces_that_of_any_scene():
     effects = {"shot_noise": {"electrons_per_count": 50.0}, "adc": {"bits": 12}}
-    changes = {"effects": effects, "prior": {"known": "exactly"}}
-    found = paper.noisy(scene_from_settings(load_scene("follow").settings() | changes, "other"))
+    found = paper.noisy(scene_with(effects))
     assert found.effects == {"sensor_noise": {"sigma_counts": 1.0}, "adc": {"bits": 10}}
 
 

@@ -4,16 +4,18 @@ import dataclasses
 
 import numpy as np
 import pytest
+from designs import scene_with
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scenes import make_scene
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimation.signature.features import skewness
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.shared.published import (
     ACROSS_M,
     DOWN_M,
@@ -57,9 +59,8 @@ def moments_twice(image, spacing_m):
 @pytest.fixture(scope="module")
 def clear():
     """The tank's model without noise and rounding."""
-    scene = load_scene("eren2017_tank")
-    effects = {"attenuation": scene.effects["attenuation"]}
-    return ForwardModel(dataclasses.replace(scene, effects=effects))
+    attenuation = load_scene("eren2017_tank").effects["attenuation"]
+    return ForwardModel(scene_with({"attenuation": attenuation}, "eren2017_tank"))
 
 
 @pytest.fixture(scope="module")
@@ -194,10 +195,7 @@ def test_moments_answer_or_refuse_whatever_the_image(calibration, image):
 @pytest.fixture(scope="module")
 def table():
     """A small table of a planar 7 x 7 array, without noise."""
-    settings = load_scene("reference").settings()
-    settings["array"] = {"shape": "planar", "detectors_per_side": 7}
-    settings["effects"] = {"attenuation": {"k_per_m": 0.1}}
-    scene = lookup_scene(scene_from_settings(settings, "planar"))
+    scene = lookup_scene(make_scene("planar", 7, {"attenuation": {"k_per_m": 0.1}}))
     grid = {
         "x_m": Span(-8.0, -4.0, 5),
         **dict.fromkeys(("y_m", "z_m"), Span(-0.3, 0.3, 5)),

@@ -1,6 +1,5 @@
 """``uuv_array study robustness``: figures of planted errors, what is plausible, and whole runs."""
 
-import dataclasses
 import functools
 import json
 
@@ -9,12 +8,11 @@ import numpy as np
 import pytest
 from blind import Blind
 from command_line import assert_picture
+from scenes import WATER, make_scene
 from scipy.linalg import block_diag
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import PriorSettings
-from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies import robustness
 from uuv_optical_array.studies.mismatches import KINDS, kinds_named
@@ -76,16 +74,15 @@ def fitted(model, poses, images):
     return answers, covariances
 
 
-@pytest.mark.parametrize("prior", [PriorSettings(), PriorSettings(lamp_power_std=0.02)])
+@pytest.mark.parametrize("prior", [{}, {"lamp_power_std": 0.02}])
 def test_the_scene_explains_its_own_images_and_no_spoilt_or_misplaced_ones(prior):
     # Bright and without limits, so that all is linear.
-    settings = load_scene("reference")
-    effects = {name: settings.effects[name] for name in ("attenuation", "sensor_noise")}
-    model = ForwardModel(dataclasses.replace(settings, effects=effects, prior=prior))
+    model = ForwardModel(make_scene(effects=WATER, prior=prior))
     model.power *= 100
     rng = np.random.default_rng(4)
     poses = lit_poses(model, 300, rng) * [1, 0.3, 0.3, 0.3, 0.3]
-    offsets = {name: std * rng.standard_normal(300) for name, std in prior.nuisance_std().items()}
+    stds = model.scene.prior.nuisance_std()
+    offsets = {name: std * rng.standard_normal(300) for name, std in stds.items()}
     light = model.light(poses, 0.0, offsets)
     images = model.read(light, rng)
     answers, covariances = fitted(model, poses, images)

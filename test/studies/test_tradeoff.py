@@ -1,7 +1,6 @@
 """``uuv_array study tradeoff``: the front, what is measured, and whole runs."""
 
 import csv
-import dataclasses
 import functools
 import json
 import math
@@ -14,6 +13,7 @@ from command_line import assert_picture
 from hypothesis import given
 from hypothesis import strategies as st
 from measured import ALL_METHODS, row
+from scenes import changed
 
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
@@ -136,8 +136,7 @@ def test_full_plan_is_every_setting_once_and_quick_is_part_of_it(name):
 
 
 def test_an_array_of_another_size_is_measured_too(scene):
-    array = dataclasses.replace(scene.array, detectors_per_side=9)
-    settings = plan(dataclasses.replace(scene, array=array), "quick")
+    settings = plan(changed(scene, array={"detectors_per_side": 9}), "quick")
     assert settings[0].detectors_per_side == 9
     assert {setting.detectors_per_side for setting in settings} == {3, 5, 7, 9, 21}
 

@@ -4,24 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import write_scene
+from scenes import changed, coarse
 
 from uuv_optical_array.core.geometry import rotation_matrix
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.view.closed_loop import ClosedLoop
 
 
 @pytest.fixture(scope="module")
-def bare(tmp_path_factory):
+def bare():
     """An estimator of light in water, without noise or converter, that takes no match."""
-    file = write_scene(
-        tmp_path_factory.mktemp("scene"), "bare", [("effects", {"attenuation": {"k_per_m": 0.1}})]
-    )
-    return Estimator(build_table(load_scene(file)), "sam", max_angle_rad=0.0)
+    nothing = dict.fromkeys(("sensor_noise", "saturation", "adc"))
+    table = build_table(changed(coarse("reference"), effects=nothing))
+    return Estimator(table, "sam", max_angle_rad=0.0)
 
 
 def first(estimator, **changes):
@@ -102,10 +101,9 @@ def test_once_there_is_light_the_follower_reaches_its_station_in_any_sea(table):
 
 def test_a_follower_whose_array_is_not_the_scenes_stops_and_says_why():
     scene = load_scene("follow")
-    settings = scene.settings()
-    settings["effects"]["field_of_view"] = {"cosine_power": 2.0}  # the scene's detectors have 1
     loop = ClosedLoop(Estimator(scene).wait(), np.random.default_rng(1))
-    loop._model = ForwardModel(scene_from_settings(settings, "narrow"))
+    # The scene's detectors have the power 1.
+    loop._model = ForwardModel(changed(scene, effects={"field_of_view": {"cosine_power": 2.0}}))
     seen = [loop.step(0.1) for _ in range(90)]
     said = [sight.note for sight in seen if sight.pose is not None]
     assert said[-1].startswith("refused: too uncertain: the range of")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import changed
 from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
@@ -22,7 +23,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
 )
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 POSE = np.array([-5.0, 0.3, -0.2, 0.1, 0.05])
 PRIOR_STD = np.array([6.0, 1.8, 1.8, 1.0, 1.0])
@@ -69,8 +70,7 @@ def test_a_residual_has_the_moments_of_readings_that_are_drawn(light):
 
 def scores(gain_std, gain_off, count=400, power_off=0.0):
     """Misfits of images whose gains are off by some share, as far as the prior says or not."""
-    values = load_scene("reference").settings() | {"prior": {"gain_std": gain_std}}
-    model = ForwardModel(scene_from_settings(values, "sea"))
+    model = ForwardModel(changed("reference", prior={"gain_std": gain_std}))
     problem = problem_of(model, POSE, PRIOR_STD, NUISANCES)
     start = np.concatenate([from_pose(problem.frame, POSE, 0.0), np.zeros(2)])
     rng = np.random.default_rng(7)

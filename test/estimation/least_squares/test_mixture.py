@@ -1,10 +1,8 @@
 """Frames that may be shaded: the mixture by evidence, against sampling and by its moments."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from scenes import coarse, squared_error
+from scenes import coarse, squared_error, with_prior
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame import FITTED, MISFIT, FrameResult
@@ -38,12 +36,8 @@ def test_a_mixture_has_the_moments_of_draws_from_both_and_none_of_what_has_no_po
     assert mixture([lost, lost], np.zeros(2))[0].outcome == MISFIT
 
 
-def with_prior(**changes):
-    return dataclasses.replace(SCENE, prior=dataclasses.replace(SCENE.prior, **changes))
-
-
 def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know():
-    shady = with_prior(shade_probability=0.3, shade_depth=0.2)
+    shady = with_prior(SCENE, shade_probability=0.3, shade_depth=0.2)
     model, rng = ForwardModel(shady), np.random.default_rng(3)
     believing, knowing = Estimator(SCENE), Estimator(shady)
     pose = np.array([-5.0, 0.2, -0.1, 0.1, 0.05])
@@ -68,7 +62,7 @@ def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know():
     assert max(errors) < 36
 
 
-UNEVEN = with_prior(uneven_probability=0.02)
+UNEVEN = with_prior(SCENE, uneven_probability=0.02)
 
 
 def unevenly_lit(model, pose, share, rng):

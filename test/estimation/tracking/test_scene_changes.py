@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+import scenes
 from drawn_effects import scene_with
 
 from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.track import Learnt
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import scene_from_settings
 
 NAMES = ("lamp.power", "attenuation.k_per_m", "ambient.level_counts")
 CONSTANTS = Constants(NAMES, (0.1, 0.02, 5.0))
@@ -24,14 +24,10 @@ def learnt(*offsets, std=10.0):
 
 def changed(changes, model=MODEL):
     """Return the model's scene with changes written into it, by their dotted keys."""
-    settings = model.scene.settings()
+    scene = model.scene
     for change in changes:
-        group, *rest = change.key.split(".")
-        target = settings[group]
-        for key in rest[:-1]:
-            target = target.setdefault(key, {})
-        target[rest[-1]] = change.value
-    return ForwardModel(scene_from_settings(settings, "changed"))
+        scene = scenes.changed(scene, **scenes.nested(change.key, change.value))
+    return ForwardModel(scene)
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,8 @@
 """Tracks of images: under uneven daylight, told nonsense by commands, and after long drives."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from scenes import coarse_settings
+from scenes import changed, coarse, with_prior
 from scipy.stats import chi2, norm
 
 from uuv_optical_array.core.geometry import wrapped
@@ -17,7 +15,7 @@ from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ABSORPTION, GRADIENTS, POWER
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.drives import course
 
 POSE = np.array([-6.0, 0.2, -0.1, 0.05, -0.04])
@@ -25,16 +23,14 @@ POSE = np.array([-6.0, 0.2, -0.1, 0.05, -0.04])
 
 @pytest.fixture(scope="module")
 def estimator(compiled_fit):
-    values = coarse_settings(load_scene("follow"))
-    return Estimator(build_table(scene_from_settings(values, "sea")))
+    return Estimator(build_table(coarse("follow")))
 
 
 def test_daylight_is_as_uneven_as_it_is_unknown_but_where_the_scene_says_more():
     follow = load_scene("follow")
 
     def learnt(**prior):
-        changed = dataclasses.replace(follow.prior, **prior)
-        stds = dataclasses.replace(follow, prior=changed).constants_std()
+        stds = with_prior(follow, **prior).constants_std()
         return [stds.get(name, 0.0) for name in GRADIENTS]
 
     assert learnt() == [follow.prior.ambient_std_counts] * 2
@@ -144,13 +140,10 @@ def test_a_track_that_outliers_begin_anew_believes_nothing_that_it_learnt(estima
 def test_a_track_takes_readings_where_the_image_shows_one_pose(
     array, range_m, linear, compiled_fit
 ):
-    values = coarse_settings(load_scene("follow"))
-    array = {**values["array"], **array}
-    values["array"] = {key: value for key, value in array.items() if value is not None}
-    values["prior"] = {"known": "calibrated"}
-    found = Estimator(build_table(scene_from_settings(values, "array")))
+    scene = changed(coarse("follow"), array=array, prior={"known": "calibrated"})
+    found = Estimator(build_table(scene))
     known = Tracker(TrackerSettings(), constants=found.constants).expected(0)
-    image = ForwardModel(found.table.scene).light(np.array([-range_m, *POSE[1:]]))
+    image = ForwardModel(scene).light(np.array([-range_m, *POSE[1:]]))
     assert (found.estimate(image, expected=known).readings is not None) == linear
 
 

@@ -217,14 +217,21 @@ class Lab:
         self.subscribe(message_type, topic, heard.append)
         return heard
 
-    def log(self):
-        """Return a list that grows by every line of the log, those from before too."""
-        from rcl_interfaces.msg import Log
+    def listen_late(self, message_type, topic):
+        """Return a list that grows by every message on a topic, those from before too."""
         from rclpy.qos import DurabilityPolicy, QoSProfile
 
-        lines = []
+        heard = []
         lasting = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.probe.create_subscription(Log, "/rosout", lines.append, lasting)
+        self.probe.create_subscription(message_type, topic, heard.append, lasting)
+        return heard
+
+    def logged(self, words):
+        """Wait for a line of the log with some words; return all lines until then."""
+        from rcl_interfaces.msg import Log
+
+        lines = self.listen_late(Log, "/rosout")
+        self.until(lambda: any(words in line.msg for line in lines), f"{words} in the log")
         return lines
 
     def talk(self, message_type, topic):

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from nav_msgs.msg import Odometry
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -194,9 +193,8 @@ def test_poses_go_to_tf_and_the_lamp_to_who_listens_late_too(lab, scene_file):
     tf2_msgs = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not installed")
     names = {"beacon_frame": "dock/beacon", "tf_child_frame": "rov/base_link_by_light"}
     asker = Asker(lab, scene_file, publish_tf=True, **names)
-    moving, fixed = lab.listen(tf2_msgs.TFMessage, "/tf"), []
-    lasting = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    lab.probe.create_subscription(tf2_msgs.TFMessage, "/tf_static", fixed.append, lasting)
+    moving = lab.listen(tf2_msgs.TFMessage, "/tf")
+    fixed = lab.listen_late(tf2_msgs.TFMessage, "/tf_static")
     lab.connect()
     pose = asker.ask(np.array([0.5, 0.1, 0.0, 0.0, 0.0]), 5)
     (placed,) = lab.until(lambda: moving, "a transform")[0].transforms

@@ -146,11 +146,10 @@ def test_a_failure_is_an_error_whatever_else_there_is(bench):
 
 
 def test_a_failure_that_is_found_again_and_again_is_logged_once(bench):
-    logs, gone = bench.lab.log(), "table /nowhere: no table there"
+    gone = "table /nowhere: no table there"
     for reason in (gone, gone, "", gone, "table /last: no table there"):
         bench.node.diagnostics.fail(reason)
-    bench.lab.until(lambda: any("/last" in line.msg for line in logs), "the last line")
-    assert [line.msg for line in logs].count(gone) == 2
+    assert [line.msg for line in bench.lab.logged("/last")].count(gone) == 2
 
 
 @pytest.mark.parametrize(
@@ -214,7 +213,7 @@ def stranger(lab, message_type, topic):
 )
 def test_the_diagnostics_name_both_until_one_is_gone(lab, node_type, message_type, topic, other):
     lab.begin()
-    logs, node = lab.log(), lab.start(node_type)
+    node = lab.start(node_type)
     if other == "/probe":
         lab.talk(message_type, topic)
     lab.until(lambda: node.count_publishers(topic) == 1, "the first publisher")
@@ -223,7 +222,7 @@ def test_the_diagnostics_name_both_until_one_is_gone(lab, node_type, message_typ
     second = stranger(lab, message_type, topic)
     words = f"several publishers: {topic} of", "/far/stranger", other, "ROS_DOMAIN_ID"
     lab.report(node, WARN, *words)
-    lab.until(lambda: any(words[0] in line.msg for line in logs), "a warning in the log")
+    lab.logged(words[0])
     lab.executor.remove_node(second)
     lab.nodes.remove(second)
     second.destroy_node()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import yaml
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from visualization_msgs.msg import MarkerArray
 
 from uuv_optical_array.core.storage import files
@@ -58,20 +57,19 @@ def test_they_reach_a_listener_that_comes_later_again_and_again(lab, scene_file)
     lab.start(EstimatorNode)
     formation = lab.start(FormationNode)
     formation.show_station("rov/leader/beacon")
-    heard = []
-    qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # as in rviz/
-    lab.probe.create_subscription(
-        MarkerArray, "markers", lambda array: heard.extend(array.markers), qos
-    )
+    arrays = lab.listen_late(MarkerArray, "markers")  # as in rviz/
+
+    def heard():
+        return [marker for array in arrays for marker in array.markers]
 
     def times(name, x=None):
         """Count how often a marker came, at a place if one is given."""
-        return sum(marker.ns == name and x in (None, marker.pose.position.x) for marker in heard)
+        return sum(marker.ns == name and x in (None, marker.pose.position.x) for marker in heard())
 
     # What lasts comes once to a listener.
     lab.until(lambda: times("hull") > 1 and times("station") > 1, "the markers of two nodes, again")
     beam, body = "rov/leader/beacon", "rov/base_link_by_light"
-    assert {marker.ns: marker.header.frame_id for marker in heard} == {
+    assert {marker.ns: marker.header.frame_id for marker in heard()} == {
         **{"beam_1_sigma": beam, "beam_2_sigma": beam, "station": beam},
         **{"hull": body, "fin": body},
     }

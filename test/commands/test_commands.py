@@ -6,7 +6,6 @@ import re
 import shlex
 import signal
 
-import numpy as np
 import pytest
 from command_line import PROGRAM, assert_picture, begun, ended, run
 from generated import reference
@@ -15,7 +14,6 @@ from nav_msgs.msg import Odometry
 
 from uuv_optical_array.commands import build_parser
 from uuv_optical_array.core.messages import stamp_ns
-from uuv_optical_array.estimation.large_table import load_table
 from uuv_optical_array.recording.bag import RUN, opened
 
 
@@ -48,16 +46,6 @@ def test_help_explains_every_option_and_shows_examples_that_can_be_typed():
 def test_what_is_no_command_is_refused_with_the_usage(capsys, words):
     run(*words, code=2)
     assert "usage: uuv_array" in capsys.readouterr().err
-
-
-def test_table_writes_a_table_that_loads_for_its_scene(capsys, tmp_path, scene_file, scene, table):
-    run("table", "--scene", scene_file, "-o", tmp_path / "deep" / "t")
-    loaded = load_table(tmp_path / "deep" / "t", scene)
-    np.testing.assert_array_equal(loaded.poses, table.poses)
-    np.testing.assert_array_equal(loaded.parameters, table.parameters)
-    out = capsys.readouterr().out
-    for word in (str(tmp_path / "deep" / "t"), f"{len(table.poses)} signatures", "small"):
-        assert word in out
 
 
 def test_follow_ends_by_itself_with_a_summary_a_picture_and_a_bag(tmp_path):

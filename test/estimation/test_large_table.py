@@ -108,17 +108,18 @@ def test_ctrl_c_stops_the_command_and_the_same_command_finishes(tmp_path):
     spans = {axis: [*span[:2], 12] for axis, span in SPANS.items()}
     save_scene(changed("reference", table=spans), tmp_path / "sea.yaml", "A sea.")
     program = "from uuv_optical_array.programs import uuv_array; uuv_array()"
-    words = [sys.executable, "-c", program, "table", "--scene", "sea.yaml"]
+    words = [sys.executable, "-c", program, "table", "--scene", "sea.yaml", "-o", "deep/t"]
     with begun([*words, "--workers", "1"], cwd=tmp_path) as process:
         process.stderr.readline()  # the first block is there
         process.send_signal(signal.SIGINT)
         out, _ = ended(process, 130)
-    assert out == "interrupted: the same command goes on from what is in sea.zarr\n"
+    assert out == "interrupted: the same command goes on from what is in deep/t\n"
     with begun(words, cwd=tmp_path) as process:
         out, _ = ended(process)
     table = build_table(load_scene(str(tmp_path / "sea.yaml")))
-    assert f"sea.zarr: {len(table.poses)} signatures of {12**5} poses" in out
-    assert_equal_tables(load_table(tmp_path / "sea.zarr", table.scene), table)
+    assert f"deep/t: {len(table.poses)} signatures of {12**5} poses" in out
+    assert "scene sea, " in out
+    assert_equal_tables(load_table(tmp_path / "deep/t", table.scene), table)
 
 
 def flipped(data, place, bit):

@@ -124,6 +124,7 @@ def test_without_ros_a_program_says_in_one_line_what_to_install(program, words, 
 def test_without_ros_the_rest_works(tmp_path, scene_file):
     code, out, error = without(ROS, "uuv_array", "table", "--scene", scene_file, folder=tmp_path)
     assert code == 0, error
+    assert out.startswith("small.zarr: ")
     assert "signatures" in out
 
 

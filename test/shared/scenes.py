@@ -5,6 +5,7 @@ import functools
 
 import numpy as np
 
+from uuv_optical_array.core.geometry import wrapped
 from uuv_optical_array.core.storage.files import shared_file
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
@@ -73,5 +74,5 @@ def assert_same_estimate(found, expected):
 
 def squared_error(found, pose):
     """Return the squared error of an estimate, normalised by its covariance."""
-    off = found.pose - pose
+    off = wrapped(found.pose - pose)
     return off @ np.linalg.solve(found.covariance, off)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.track import Outlier
 
 START_NS = 1_700_000_000_123_456_789  # a wall clock: float64 seconds would lose 100 ns
 TENTH_NS = 100_000_000
@@ -108,6 +109,25 @@ def fed(tracker, *frames):
     for stamp, pose, covariance in frames:
         track = tracker.update(stamp, pose, covariance)
     return track
+
+
+def answer(tracker, frame):
+    """Return the track, or why there is none."""
+    try:
+        return tracker.update(*frame)
+    except Outlier as reason:
+        return str(reason)
+
+
+def assert_same_state(tracker, other, stamp):
+    """Compare the answers to three frames that follow, in which the states show."""
+    for step in (1, 2, 3):
+        frame = stamp + step, STATION, NOISE
+        answers = answer(tracker, frame), answer(other, frame)
+        if isinstance(answers[0], str):
+            assert answers[0] == answers[1]
+        else:
+            assert_same(*answers)
 
 
 def moved(dof, by):

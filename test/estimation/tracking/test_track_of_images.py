@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from scenes import changed, coarse, with_prior
+from scenes import changed, coarse, squared_error, with_prior
 from scipy.stats import chi2, norm
 
-from uuv_optical_array.core.geometry import wrapped
 from uuv_optical_array.core.messages import MAX_TWIST
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
@@ -90,9 +89,7 @@ def test_a_steady_slope_misleads_neither_poses_nor_the_track(estimator, seed):
         offsets = dict(zip(GRADIENTS, slopes, strict=True))
         image = model.read(12 + model.light(pose, 0.0, offsets), rng)
         frame = pipeline.answer(round((1 + t) * 1e9), image)
-        off = [wrapped(said.pose - pose) for said in (frame.estimate, frame.track)]
-        spread = [said.covariance for said in (frame.estimate, frame.track)]
-        squares.append([e @ np.linalg.solve(c, e) for e, c in zip(off, spread, strict=True)])
+        squares += [squared_error(said, pose) for said in (frame.estimate, frame.track)]
     assert np.less(squares, 46).all()  # as improbable as six standard deviations of one number
     for name, slope in zip(GRADIENTS, slopes, strict=True):
         mean, std = frame.track.constants[name]
@@ -107,8 +104,7 @@ def test_a_dim_sea_that_is_hardly_moved_in_gets_no_sharp_and_wrong_track(estimat
     for k, pose in enumerate(poses):
         image = model.read(model.light(pose, 0.0, dim), rng)
         track = pipeline.answer((k + 2) * 500_000_000, image).track
-        off = wrapped(track.pose - pose)
-        squares.append(off @ np.linalg.solve(track.covariance, off))
+        squares.append(squared_error(track, pose))
     # The sea itself is 2.5 standard deviations from what was believed.
     assert np.mean(squares[80:]) < 5 + 2.5**2
 
@@ -157,8 +153,7 @@ def test_commands_that_mean_nothing_take_no_frame_and_falsify_no_track(estimator
         # In a gap, the command carries a follower past the lamp that in fact stays where it is.
         stamp += 100_000_000 * (gap if k % 8 == 0 else 1)
         frame = pipeline.answer(stamp, model.read(model.light(pose, 0.0), rng))
-        off = wrapped(frame.track.pose - pose)  # an outlier has no track
-        assert off @ np.linalg.solve(frame.track.covariance, off) < chi2.isf(2 * norm.sf(6), 5)
+        assert squared_error(frame.track, pose) < chi2.isf(2 * norm.sf(6), 5)  # no outlier has one
         said.append(frame.track.own_motion)
         if k % 8 == 7:
             ways = MAX_TWIST[:3] * rng.uniform([0.3, -0.3, -0.3], [1.0, 0.3, 0.3])
@@ -180,8 +175,7 @@ def long_drive(estimator, seed):
         image = model.read(gains * model.light(pose, 0.0, offsets), rng)
         frame = pipeline.answer((k + 1) * 2_000_000_000, image)
         for said in (frame.estimate, frame.track) if k >= 480 else ():
-            off = wrapped(said.pose - pose)
-            squares.append(off @ np.linalg.solve(said.covariance, off))
+            squares.append(squared_error(said, pose))
     return np.mean(squares)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import squared_error
 from scipy.stats import chi2, norm
 from tracks import (
     CORRELATED,
@@ -18,7 +19,9 @@ from tracks import (
     STD,
     TENTH_NS,
     Textbook,
+    answer,
     assert_same,
+    assert_same_state,
     fed,
     moved,
     scattered,
@@ -52,14 +55,6 @@ def told(tracker, commands):
     for command in commands:
         tracker.command(*command)
     return tracker
-
-
-def answer(tracker, frame):
-    """Return the track, or why there is none."""
-    try:
-        return tracker.update(*frame)
-    except Outlier as reason:
-        return str(reason)
 
 
 def predicted(tracker, stamp):
@@ -165,9 +160,7 @@ def test_a_follower_that_does_not_obey_is_tracked_nevertheless():
         tracker.command(stamp, [0.5 if seconds >= 10 else 0.0, 0.0, 0.0, 0.0, 0.0])
         with contextlib.suppress(Outlier):
             noise = np.linalg.cholesky(spread) @ rng.standard_normal(5)
-            track = tracker.update(stamp, pose + noise, spread)
-            off = track.pose - pose
-            squares.append(off @ np.linalg.solve(track.covariance, off))
+            squares.append(squared_error(tracker.update(stamp, pose + noise, spread), pose))
     assert len(squares) > 297
     assert max(squares) < chi2.isf(2 * norm.sf(6), 5)
 
@@ -231,13 +224,7 @@ def test_frames_out_of_order_move_by_the_commands_of_their_own_time(order, seed)
     for k in order:
         with contextlib.suppress(Outlier):
             as_they_come.update(*frames[k])
-    # Their states show in the answers to the frames that follow.
-    for probe in ((frames[-1][0] + step, STATION, NOISE) for step in (1, 2, 3)):
-        answers = answer(in_order, probe), answer(as_they_come, probe)
-        if isinstance(answers[0], str):
-            assert answers[0] == answers[1]
-        else:
-            assert_same(*answers)
+    assert_same_state(in_order, as_they_come, frames[-1][0])
 
 
 def test_commands_of_long_ago_are_dropped_without_a_trace():

@@ -1,9 +1,11 @@
 """A manoeuvre is no outlier, and an outlier is no manoeuvre."""
 
 import math
+from contextlib import suppress
 
 import numpy as np
 import pytest
+from scenes import squared_error
 from tracks import START_NS, STATION
 
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
@@ -32,61 +34,45 @@ def zigzag(seconds, rng):
     return STATION + np.outer(3.0 * (legs - 0.5), rate)
 
 
-def counted(path, outliers=0.0):
-    """Return shares of honest frames refused, most in a row, and share of outliers refused."""
-    rng = np.random.default_rng(21)
-    seconds = np.arange(0, SECONDS, STEP_S)
-    noise = cramer_rao_bound(ForwardModel(load_scene("follow")), STATION).covariance
-    root = np.linalg.cholesky(noise)
-    tracker, refused, row, most, caught = Tracker(TrackerSettings()), 0, 0, 0, []
-    for k, pose in enumerate(path(seconds, rng)):
-        stray = k > 20 and rng.random() < outliers
-        # From 10 standard deviations on in the directions that an image sees best.
-        jump = rng.choice([-1, 1], 5) * [0.2, 0.2, 0.2, 0.1, 0.1] * rng.uniform(1, 5) * stray
-        try:
-            seen = pose + jump + root @ rng.standard_normal(5)
-            tracker.update(START_NS + round(k * STEP_S * 1e9), seen, noise)
-            row, took = 0 if not stray else row, True
-        except Outlier:
-            took = False
-            if not stray:
-                refused, row = refused + 1, row + 1
-        most = max(most, row)
-        if stray:
-            caught.append(not took)
-    return refused / len(seconds), most, np.mean(caught) if caught else None
-
-
-@pytest.mark.parametrize("path", [swaying, zigzag])
-def test_honest_frames_of_a_manoeuvre_pass_and_strays_among_them_do_not(path):
-    share, most, _ = counted(path)
-    assert share <= 0.002
-    assert most <= 1
-    share, _, caught = counted(path, outliers=0.05)
-    assert share <= 0.002
-    assert caught >= 0.98
-
-
 def reversing(seconds, rng):
     """Turn at 30 deg/s, to port and back to starboard from one frame to the next."""
     legs = np.abs((seconds / 1.3 + rng.random()) % 2 - 1)
     return STATION + np.outer(legs - 0.5, [0, 0, 0, 0, math.radians(30 * 1.3)])
 
 
-def test_frames_of_an_abruptly_reversed_turn_are_in_the_track_and_no_sharper_than_they_are():
-    rng, squares, refused = np.random.default_rng(5), [], 0
+def tracked(path, seed, outliers=0.0):
+    """Return which frames are strays, which are refused, and the errors of the tracks.
+
+    These are in standard deviations, shape ``(n, 5)``, nan where a frame is refused; and squared.
+    """
+    rng, seconds = np.random.default_rng(seed), np.arange(0, SECONDS, STEP_S)
     noise = cramer_rao_bound(ForwardModel(load_scene("follow")), STATION).covariance
     root, tracker = np.linalg.cholesky(noise), Tracker(TrackerSettings())
-    seconds = np.arange(0, SECONDS, STEP_S)
-    for k, pose in enumerate(reversing(seconds, rng)):
-        try:
-            seen = pose + root @ rng.standard_normal(5)
+    strays, off, squares = np.zeros(len(seconds), bool), np.full((len(seconds), 5), np.nan), []
+    for k, pose in enumerate(path(seconds, rng)):
+        strays[k] = k > 20 and rng.random() < outliers
+        # From 10 standard deviations on in the directions that an image sees best.
+        jump = rng.choice([-1, 1], 5) * [0.2, 0.2, 0.2, 0.1, 0.1] * rng.uniform(1, 5) * strays[k]
+        seen = pose + jump + root @ rng.standard_normal(5)
+        with suppress(Outlier):
             track = tracker.update(START_NS + round(k * STEP_S * 1e9), seen, noise)
-        except Outlier:
-            refused += 1
-            continue
-        off = track.pose - pose
-        assert np.abs(off / np.sqrt(track.covariance.diagonal())).max() < 6
-        squares.append(off @ np.linalg.solve(track.covariance, off))
-    assert refused <= 0.03 * len(seconds)
-    assert np.mean(squares) < 7
+            off[k] = (track.pose - pose) / np.sqrt(track.covariance.diagonal())
+            squares.append(squared_error(track, pose))
+    return strays, np.isnan(off[:, 0]), off, np.array(squares)
+
+
+@pytest.mark.parametrize("path", [swaying, zigzag])
+def test_honest_frames_of_a_manoeuvre_pass_and_strays_among_them_do_not(path):
+    _, refused, _, _ = tracked(path, 21)
+    assert refused.mean() <= 0.002
+    assert not (refused[1:] & refused[:-1]).any()
+    strays, refused, _, _ = tracked(path, 21, outliers=0.05)
+    assert (refused & ~strays).mean() <= 0.002
+    assert refused[strays].mean() >= 0.98
+
+
+def test_frames_of_an_abruptly_reversed_turn_are_in_the_track_and_no_sharper_than_they_are():
+    _, refused, off, squares = tracked(reversing, 5)
+    assert refused.mean() <= 0.03
+    assert np.nanmax(np.abs(off)) < 6
+    assert squares.mean() < 7

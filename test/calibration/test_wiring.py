@@ -59,12 +59,8 @@ def found(side, change, rng, **how):
 
 
 @pytest.mark.parametrize("words", SYMMETRIES)
-def test_each_symmetry_of_the_square_is_found_undone_and_named(words):
-    change = SYMMETRIES[words]
-    wiring = found(5, change, np.random.default_rng(1))
-    image = np.arange(25.0).reshape(5, 5)
-    np.testing.assert_array_equal(in_place(change(image), wiring), image)
-    assert description(wiring, 5) == words
+def test_each_symmetry_of_the_square_is_found_and_named(words):
+    assert description(found(5, SYMMETRIES[words], np.random.default_rng(1)), 5) == words
 
 
 @settings(max_examples=15)

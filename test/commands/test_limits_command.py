@@ -88,15 +88,11 @@ def test_the_volume_is_that_of_the_paper_seen_from_above():
         np.testing.assert_allclose(std[1, 1], std_m_deg(model, [-6, 0.75, 0, 0, 0]), rtol=1e-6)
 
 
-def figure_of(scene, behind_m, aside_m):
-    bounds = limits.bound_map(scene, behind_m, aside_m)
-    return limits.draw(bounds, "x", behind_m, aside_m)
-
-
 @pytest.mark.parametrize(("shape", "beam_sigma_deg"), [("planar", 8.0), ("curved", 0.5)])
 def test_a_picture_is_drawn_even_where_little_is_observable(shape, beam_sigma_deg):
     scene = make_scene(shape, 3, beam_sigma_deg=beam_sigma_deg)
-    figure = figure_of(scene, np.linspace(4, 8, 5), np.linspace(-1, 1, 7))
+    places = np.linspace(4, 8, 5), np.linspace(-1, 1, 7)
+    figure = limits.draw(limits.bound_map(scene, *places), "x", *places)
     maps = [axes for axes in figure.axes if axes.get_ylabel().startswith("y, port")]
     meshes = [axes.findobj(QuadMesh)[0].get_array() for axes in maps]
     assert len(meshes) == 6

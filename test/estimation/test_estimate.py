@@ -13,7 +13,7 @@ from uuv_optical_array.estimation.estimator import METHODS, Estimator, NoPose
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.least_squares.frame import estimate_frame
 from uuv_optical_array.estimation.pipeline import Pipeline
-from uuv_optical_array.estimation.signature.features import key_parameters, lifted
+from uuv_optical_array.estimation.signature.features import lifted, scene_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.estimation.signature_table import SignatureTable, build_table
 from uuv_optical_array.forward.model import ForwardModel
@@ -36,21 +36,17 @@ def flat():
     return Estimator(build_table(changed(coarse("reference", 9), table=FLAT)), "sam")
 
 
-def signatures(scene, images):
-    return key_parameters(images, scene.full_scale_counts, scene.signature.peak)
-
-
 def test_the_image_of_a_grid_pose_gives_that_pose_exactly(small):
     scene, table = small.table.scene, small.table
     model = ForwardModel(scene)
     rows = np.random.default_rng(17).choice(len(table.poses), 300, replace=False)
     for row in rows:
         pose = table.poses[row]
-        answer = small.estimate(parameters=signatures(scene, model.expected(pose)))
+        answer = small.estimate(parameters=scene_parameters(model.expected(pose), scene))
         assert answer.angle_rad < 1e-9
         if not np.array_equal(answer.pose, pose):
             # Another pose may look alike, but only if it really does.
-            twin = signatures(scene, model.expected(answer.pose))
+            twin = scene_parameters(model.expected(answer.pose), scene)
             np.testing.assert_allclose(twin, table.parameters[row], atol=1e-9)
 
 
@@ -59,7 +55,7 @@ def test_a_match_is_turned_about_the_beam_by_the_roll(small):
     across, roll = 0.3, 0.4
     pose = np.array([-6.0, across * np.cos(roll), across * np.sin(roll), 0.0, 0.0])
     image = ForwardModel(small.scene).expected(pose, roll)
-    found = small.estimate(parameters=signatures(small.scene, image), roll=roll)
+    found = small.estimate(parameters=scene_parameters(image, small.scene), roll=roll)
     np.testing.assert_allclose(found.pose, pose, atol=1e-9)
 
 
@@ -72,7 +68,7 @@ def test_a_scene_alone_is_answered_from_its_table_and_whole_numbers_as_floats(
     for method in METHODS:
         answer = Estimator(scene, method, compiled=False).estimate(image.astype(int))
         known = Estimator(small.table, method, compiled=False)
-        same = known.estimate(image, signatures(scene, image))
+        same = known.estimate(image, scene_parameters(image, scene))
         np.testing.assert_array_equal(answer.pose, same.pose)
         np.testing.assert_array_equal(answer.covariance, same.covariance)
 
@@ -200,7 +196,7 @@ def test_noisy_images_are_matched_within_the_reference_accuracy_and_far_from_the
     model, table, rng = ForwardModel(scene), build_table(scene), np.random.default_rng(2016)
     high = np.array([-4.0, 0.6, 0.6, *np.radians([20.0, 20.0])])
     poses = rng.uniform([-8.0, *-high[1:]], high, (2000, 5))
-    parameters = signatures(scene, model.expose(poses, rng))
+    parameters = scene_parameters(model.expose(poses, rng), scene)
     bound = np.mean(cramer_rao_bound(model, poses).std ** 2, axis=0)
     for method, some in (("sam", slice(None)), ("sam_interpolated", slice(200))):
         estimator = Estimator(table, method)
@@ -259,7 +255,7 @@ def test_a_match_is_as_unsure_as_it_is_off_and_as_probable_as_the_fit(scene, tab
     sam = Estimator(table, "sam", math.pi, neighbours=2)
     whole, excesses = Estimator(table), []
     for image in model.expose(poses, rng):
-        parameters = signatures(scene, image)
+        parameters = scene_parameters(image, scene)
         held, alone = sam.estimate(image), sam.estimate(None, parameters)
         fit = whole.estimate(image)
         off = alone.pose - fit.pose

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from drawn_effects import scene_with
 from effect_settings import middle_settings
+from scenes import make_scene
 
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.model import ForwardModel
@@ -12,16 +12,12 @@ from uuv_optical_array.forward.scene import load_scene
 pytestmark = pytest.mark.filterwarnings("error")
 
 
-def table_poses(count, seed=1):
-    low, high = [-8, -1, -1, -0.4, -0.4], [-4, 1, 1, 0.4, 0.4]
-    return np.random.default_rng(seed).uniform(low, high, (count, 5))
-
-
 @pytest.mark.parametrize("name", EFFECTS)
 def test_a_stack_of_several_blocks_is_each_of_its_rows(name):
-    model = ForwardModel(scene_with({name: middle_settings(name)}))
+    model = ForwardModel(make_scene(effects={name: middle_settings(name)}))
     rng = np.random.default_rng(2)
-    poses, rolls = table_poses(4200).reshape(2, 2100, 5), rng.uniform(-1, 1, (2, 2100))
+    poses = rng.uniform([-8, -1, -1, -0.4, -0.4], [-4, 1, 1, 0.4, 0.4], (2, 2100, 5))
+    rolls = rng.uniform(-1, 1, (2, 2100))
     offsets = {key: rng.uniform(-0.1, 0.1, (2, 2100)) for key in model.nuisances}
     times = rng.uniform(0, 100, (2, 2100))
     light = model.light(poses, rolls, offsets, times)

@@ -56,11 +56,6 @@ def settings_of(draw, name, side):
     return values
 
 
-def scene_with(effects, shape="curved", side=5, **lamp):
-    """Return the reference scene with these effects and no others."""
-    return make_scene(shape, side, effects, **lamp)
-
-
 @st.composite
 def scenes(draw, names):
     """Scenes with some effects anywhere in their bounds, any lamp, and an array of any size."""
@@ -70,7 +65,7 @@ def scenes(draw, names):
     radius_m = width_m * draw(st.floats(0.8, 2)) if shape == "curved" else None
     array = {"width_m": width_m, "bow_m": draw(st.floats(0, 1)), "radius_m": radius_m}
     lamp = {"beam_sigma_deg": draw(st.floats(3, 60)), "reference_range_m": draw(st.floats(3, 9))}
-    return changed(scene_with(effects, shape, side, **lamp), array=array)
+    return changed(make_scene(shape, side, effects, **lamp), array=array)
 
 
 @st.composite

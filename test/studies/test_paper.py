@@ -164,14 +164,10 @@ def whole(tmp_path_factory):
     return json.loads(out.getvalue())
 
 
-def points_of(result):
-    return [(name, p) for name, figure in result["figures"].items() for p in figure["points"]]
-
-
 def test_json_holds_every_point_and_curve(whole):
     assert (whole["scene"], whole["seed"], whole["complete"]) == ("eren2016", 1, True)
     assert_picture(Path(whole["picture"]))
-    points = points_of(whole)
+    points = [(name, p) for name, figure in whole["figures"].items() for p in figure["points"]]
     assert len(points) == len(paper.STATEMENTS)
     stated = {(name, p["paper_deg"], p["relation"]) for name, p in points if p["paper_deg"]}
     assert stated == {

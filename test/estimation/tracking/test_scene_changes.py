@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-import scenes
-from drawn_effects import scene_with
+from scenes import changed, make_scene, nested
 
 from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.track import Learnt
@@ -13,7 +12,7 @@ from uuv_optical_array.forward.model import ForwardModel
 NAMES = ("lamp.power", "attenuation.k_per_m", "ambient.level_counts")
 CONSTANTS = Constants(NAMES, (0.1, 0.02, 5.0))
 MODEL = ForwardModel(
-    scene_with({"attenuation": {"k_per_m": 0.1}, "ambient": {"level_counts": 20.0}})
+    make_scene(effects={"attenuation": {"k_per_m": 0.1}, "ambient": {"level_counts": 20.0}})
 )
 POSES = np.array([[-4.0, 0, 0, 0, 0], [-7.0, 0.4, -0.3, 0.1, -0.1]])
 
@@ -22,11 +21,11 @@ def learnt(*offsets, std=10.0):
     return {name: Learnt(offset, std) for name, offset in zip(NAMES, offsets, strict=True)}
 
 
-def changed(changes, model=MODEL):
+def model_with(changes, model=MODEL):
     """Return the model's scene with changes written into it, by their dotted keys."""
     scene = model.scene
     for change in changes:
-        scene = scenes.changed(scene, **scenes.nested(change.key, change.value))
+        scene = changed(scene, **nested(change.key, change.value))
     return ForwardModel(scene)
 
 
@@ -36,14 +35,14 @@ def changed(changes, model=MODEL):
 def test_the_changed_scene_gives_the_light_that_was_found(offsets):
     found = learnt(*offsets)
     known = dict(zip(NAMES, np.array(offsets), strict=True))
-    light = changed(scene_changes(MODEL, CONSTANTS, found)).light(POSES)
+    light = model_with(scene_changes(MODEL, CONSTANTS, found)).light(POSES)
     expected = np.array([MODEL.light(pose, offsets=known) for pose in POSES])
     np.testing.assert_allclose(light, expected, rtol=1e-9)
 
 
 def test_water_and_array_are_changed_to_what_was_found():
     sea = {"absorption_per_m": 0.1, "scattering_per_m": 0.2}
-    model = ForwardModel(scene_with({"sea": sea}))
+    model = ForwardModel(make_scene(effects={"sea": sea}))
     offsets = {
         "sea.absorption_per_m": 0.07,
         "sea.scattering_per_m": 1.2,
@@ -52,7 +51,7 @@ def test_water_and_array_are_changed_to_what_was_found():
     }
     constants = Constants(tuple(offsets), (0.02, 0.3, 0.1, 0.02))
     found = {name: Learnt(offset, 1e-3) for name, offset in offsets.items()}
-    light = changed(scene_changes(model, constants, found), model).light(POSES)
+    light = model_with(scene_changes(model, constants, found), model).light(POSES)
     known = {name: np.array(offset) for name, offset in offsets.items()}
     expected = np.array([model.light(pose, offsets=known) for pose in POSES])
     np.testing.assert_allclose(light, expected, rtol=1e-9)

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 from differences import assert_close, differentiate
-from drawn_effects import SHAPES, poses, scene_with
+from drawn_effects import poses
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from scenes import SHAPES, make_scene
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.geometry import lamp_in_body
@@ -62,7 +63,7 @@ def facing(frame, pose, roll):
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_frame_of_a_scene_is_that_of_its_array_lamp_and_water(shape):
-    model = ForwardModel(scene_with({"attenuation": {"k_per_m": 0.1}}, shape))
+    model = ForwardModel(make_scene(shape, effects={"attenuation": {"k_per_m": 0.1}}))
     # The mean of the detectors: on the curved array they bulge ahead of its frame.
     offsets = (-0.2, -0.1, 0.0, 0.1, 0.2)
     depths = [math.sqrt(0.32**2 - y**2 - z**2) for y in offsets for z in offsets]
@@ -116,7 +117,7 @@ def test_the_coordinates_are_where_the_lamp_stands_and_how_dim_it_is(frame, pose
 @pytest.mark.parametrize("turn", [(0.1, -0.05), (-0.08, 0.12)])
 def test_the_lookalikes_of_a_planar_array_look_alike(turn):
     """Turned as far in pitch and yaw without them, the image is a quite different one."""
-    model = ForwardModel(scene_with({"attenuation": {"k_per_m": 0.1}}, "planar"))
+    model = ForwardModel(make_scene("planar", effects={"attenuation": {"k_per_m": 0.1}}))
     frame = frame_of(model)
     pose = np.array([-6.0, 0.2, -0.1, *turn])
     image = model.light(pose)
@@ -189,7 +190,7 @@ SEA_NAMES = ("sea.scattering_per_m", "lamp.power", "lamp.beam_sigma_deg", "sea.a
 @settings(max_examples=60)
 @given(pose=poses, offset=offsets)
 def test_there_and_back_with_slopes_that_are_differences(shape, effects, names, pose, offset):
-    joint = JointCoordinates(frame_of(ForwardModel(scene_with(effects, shape))), names)
+    joint = JointCoordinates(frame_of(ForwardModel(make_scene(shape, effects=effects))), names)
     offset = (0.1 * offset[0], *offset[1:])
     at = np.array([*pose, *offset])
     coordinates = joint.of(at)
@@ -208,7 +209,7 @@ def test_there_and_back_with_slopes_that_are_differences(shape, effects, names, 
 )
 def test_a_wrong_constant_that_keeps_the_coordinates_keeps_the_light(effects, names):
     # Along the valley, where power, water and range make up for each other.
-    model = ForwardModel(scene_with(effects, "curved"))
+    model = ForwardModel(make_scene(effects=effects))
     joint = JointCoordinates(frame_of(model), names)
     at = np.array([-6.0, 0.4, -0.3, 0.1, -0.08, 0.0, 0.0])
     coordinates, light = joint.of(at), model.light(at[:5])
@@ -224,7 +225,7 @@ def test_a_wrong_constant_that_keeps_the_coordinates_keeps_the_light(effects, na
 
 @pytest.mark.parametrize(("linear", "angles"), [(False, [0, 4]), (True, [4])])
 def test_angles_differ_the_short_way_round(linear, angles):
-    frame = None if linear else frame_of(ForwardModel(scene_with(WATER, "curved")))
+    frame = None if linear else frame_of(ForwardModel(make_scene(effects=WATER)))
     expected = np.full(9, 6.2)
     expected[angles] -= 2 * np.pi
     found = JointCoordinates(frame, NAMES).difference(np.full(9, 3.1), np.full(9, -3.1))

@@ -4,6 +4,7 @@ from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
+from differences import differentiate
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,18 +17,9 @@ times = st.floats(0, 1e3)
 STEP = 1e-4
 
 
-def gradient(sea, place, t_s):
-    """Return d velocity_i / d x_j by differences."""
-    columns = [
-        (sea.velocity(place + step, t_s) - sea.velocity(place - step, t_s)) / (2 * STEP)
-        for step in STEP * np.eye(3)
-    ]
-    return np.array(columns).T
-
-
 @given(place=places, t_s=times)
 def test_water_is_incompressible_and_does_not_turn(place, t_s):
-    slopes = gradient(Sea(CURRENT, WAVES), place, t_s)
+    slopes = differentiate(lambda at: Sea(CURRENT, WAVES).velocity(at, t_s), place)
     assert np.trace(slopes) == pytest.approx(0, abs=1e-7)
     assert slopes == pytest.approx(slopes.T, abs=1e-7)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from differences import differentiate
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -92,13 +93,9 @@ def test_covariance_6x6_is_the_first_order_map_of_small_errors(pose, roll, roll_
     pose = np.array(pose)
     root = np.random.default_rng(seed).normal(size=(5, 5))
     covariance = root @ root.T
-    step = 1e-6
-    columns = []
-    for dof in range(5):
-        moved = pose + step * np.eye(5)[dof]
-        columns.append(fixed_axis_step((pose, roll), (moved, roll)) / step)
-    gauge = fixed_axis_step((pose, roll), turned_about_beam(step, pose, roll)) / step
-    jacobian = np.transpose(columns)
+    here, step = (pose, roll), 1e-6
+    jacobian = differentiate(lambda at: fixed_axis_step(here, (at, roll)), pose, step)
+    gauge = fixed_axis_step(here, turned_about_beam(step, pose, roll)) / step
     expected = jacobian @ covariance @ jacobian.T + roll_std**2 * np.outer(gauge, gauge)
     found = geometry.covariance_6x6(pose, covariance, roll_std)
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
@@ -159,11 +156,7 @@ def test_a_twist_turns_and_moves_the_body_as_the_rate_changes_the_pose():
     np.testing.assert_allclose(twist, twist_by_differences(pose, rate, roll), atol=1e-8)
     np.testing.assert_allclose(geometry.pose_rate(pose, twist, roll), rate, atol=1e-14)
     # Its errors are those of pose and rate by the slopes of that twist.
-    ahead, behind = (
-        [twist_by_differences(at[:5], at[5:], roll) for at in state + change * np.eye(10)]
-        for change in (1e-4, -1e-4)
-    )
-    slopes = np.subtract(ahead, behind).T / 2e-4
+    slopes = differentiate(lambda at: twist_by_differences(at[:5], at[5:], roll), state, 1e-4)
     expected = slopes @ joint @ slopes.T
     expected[3, 3] += max(joint[8, 8], joint[9, 9])
     np.testing.assert_allclose(covariance, expected, rtol=1e-5, atol=1e-6)

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import second_forward
+from differences import differentiate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -83,16 +84,11 @@ def test_the_bound_is_that_of_pose_and_roll_together():
     pose = np.array([-5.0, 0.4, -0.3, 0.1, 0.15])
 
     def light(at):
-        turned = [rolled(p, 0.0, angle) for p, angle in zip(at[..., :5], at[..., 5], strict=True)]
-        level = np.array([each[0] for each in turned])
-        return model.light(level, np.array([each[1] for each in turned])).reshape(len(at), -1)
+        return model.light(*rolled(at[:5], 0.0, at[5])).ravel()
 
-    step = 1e-5 * np.eye(6)
-    at = np.append(pose, 0.0)
-    slopes = ((light(at + step) - light(at - step)) / 2e-5).T
+    slopes = differentiate(light, np.append(pose, 0.0))
     # By the pose as it is: what a turn adds to it is taken off.
-    turn = (rolled(pose, 0.0, 1e-6)[0] - rolled(pose, 0.0, -1e-6)[0]) / 2e-6
-    slopes[:, 5] -= slopes[:, :5] @ turn
+    slopes[:, 5:] -= slopes[:, :5] @ differentiate(lambda at: rolled(pose, 0.0, at[0])[0], [0.0])
     weights = 1 / model.variance(model.light(pose).ravel())[0]
     joint = slopes.T @ (weights[:, None] * slopes)
     joint[5, 5] += np.radians(2.0) ** -2

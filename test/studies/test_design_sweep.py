@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import second_forward
 from designs import CURVED, PLANAR, SMALL, rng, scene_with
+from differences import differentiate
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import changed
@@ -195,13 +196,8 @@ def test_the_bound_is_that_of_an_implementation_of_its_own(design):
     own = designed(scene, design).settings()
     alone, known, lit = [], [], []
     for pose in poses:
-        slopes = []
-        for i in range(5):
-            move = np.zeros(5)
-            move[i] = 1e-5
-            up, down = (second_forward.light(own, pose + s * move) for s in (1, -1))
-            slopes.append((up - down).ravel() / 2e-5)
-        information = np.array(slopes) @ np.array(slopes).T / 2.0**2
+        slopes = differentiate(lambda at: second_forward.light(own, at).ravel(), pose)
+        information = slopes.T @ slopes / 2.0**2
         spread = np.diag(1 / np.array([4.0, 1.8, 1.8, *np.radians([40.0, 40.0])]) ** 2 * 12)
         lit.append(second_forward.light(own, pose).max() > 20)
         known.append(np.linalg.inv(information + spread).diagonal())
@@ -243,17 +239,11 @@ def test_noise_moves_the_signature_as_its_slope_says():
     model, range_m = ForwardModel(scene), 5.0
     clean = model.expected([-range_m, 0, 0, 0, 0])
 
-    def unit(image):
-        values = second_features(image, clean.max(), between=True)
+    def unit(readings):
+        values = second_features(readings.reshape(clean.shape), clean.max(), between=True)
         return values / np.linalg.norm(values)
 
-    squares = 0.0
-    for at in range(clean.size):
-        step = np.zeros(clean.size)
-        step[at] = 1e-3
-        step = step.reshape(clean.shape)
-        squares += (((unit(clean + step) - unit(clean - step)) / 2e-3) ** 2).sum()
-    wanted = math.degrees(0.01 * math.sqrt(squares))
+    wanted = math.degrees(0.01 * np.linalg.norm(differentiate(unit, clean.ravel())))
     draws = [signature_noise_deg(model, range_m, rng(seed)) for seed in range(40)]
     # 40 x 64 draws of two or so degrees of freedom: 3 % is three standard errors.
     assert math.sqrt(np.mean(np.square(draws))) == pytest.approx(wanted, rel=0.04)

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scenes import make_scene
+from second_features import slow_key_parameters
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimation.signature.features import skewness
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -217,21 +217,11 @@ def test_look_up_minimises_the_papers_cost_among_poses_with_that_peak(table):
     weights = (0.7, 1.3, 5.0)
     lookup = LookUp(table, weights)
 
-    def features(image):
-        row, column = np.unravel_index(np.argmax(image), image.shape)
-        parameters = [
-            image.max() / table.scene.full_scale_counts,
-            column - 3,
-            row - 3,
-            float(skewness(np.gradient(image[row]))),
-            float(skewness(np.gradient(image[:, column]))),
-        ]
-        return parameters, np.arccos(parameters[0] / np.linalg.norm(parameters))
-
     angles = np.arccos(table.parameters[:, 0] / np.linalg.norm(table.parameters, axis=1))
     for truth in rng.uniform([-8, -0.3, -0.3, -0.3, -0.3], [-4, 0.3, 0.3, 0.3, 0.3], (30, 5)):
         image = model.expected(truth) * rng.uniform(0.98, 1.02, (7, 7))
-        mine, angle = features(image)
+        mine = slow_key_parameters(image, table.scene.full_scale_counts, "detector")
+        angle = np.arccos(mine[0] / np.linalg.norm(mine))
         cost = (
             weights[0] * np.abs(table.parameters[:, 3] - mine[3])
             + weights[1] * np.abs(table.parameters[:, 4] - mine[4])

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from differences import differentiate
 from scenes import SHAPES, WATER, make_scene, std_m_deg
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
@@ -33,16 +34,14 @@ def make_model(*arguments, **settings):
     return ForwardModel(make_scene(*arguments, **settings))
 
 
-def gradients(model, pose, offsets=(), step=1e-5):
+def gradients(model, pose, offsets=()):
     """Derivatives of the light by the pose and by offsets at 0, by central differences."""
 
     def light(at):
         given = {name: np.asarray(at[5 + i]) for i, name in enumerate(offsets)}
         return model.light(at[:5], 0.0, given).ravel()
 
-    at = np.concatenate([pose, np.zeros(len(offsets))])
-    moves = step * np.eye(len(at))
-    return np.array([(light(at + move) - light(at - move)) / (2 * step) for move in moves])
+    return differentiate(light, np.concatenate([pose, np.zeros(len(offsets))])).T
 
 
 def summed_information(model, pose, weight, offsets=()):

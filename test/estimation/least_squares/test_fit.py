@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from differences import assert_close, differentiate
+from drawn_effects import poses
 from hypothesis import Phase, assume, given, settings
 from hypothesis import strategies as st
 from scenes import make_scene
@@ -139,16 +140,11 @@ def drawn(model, count, seed, roll=0.0):
     return poses, model.expose(poses, rng, roll).reshape(count, -1)
 
 
-places = st.tuples(st.floats(-9, -2), st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
-poses = st.builds(
-    lambda place, pitch, yaw: np.array([*place, pitch, yaw]),
-    places,
-    st.floats(-0.6, 0.6),
-    st.floats(-0.6, 0.6),
-)
 each_shape = pytest.mark.parametrize("shape", ["curved", "planar"])
 # Places with readings that are not of them: pose, roll, seed, and how bright.
-anywhere = given(poses, st.floats(-0.5, 0.5), st.integers(0, 99), st.sampled_from([0.1, 1, 30]))
+anywhere = given(
+    poses.map(np.array), st.floats(-0.5, 0.5), st.integers(0, 99), st.sampled_from([0.1, 1, 30])
+)
 
 
 def any_place(fit, pose, roll, seed, scale):

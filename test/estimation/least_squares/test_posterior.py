@@ -20,6 +20,7 @@ from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose, to_lamp
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.working_volume import lit_poses
 
 pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.usefixtures("strict_arithmetic")]
 
@@ -127,14 +128,9 @@ def test_what_no_image_tells_keeps_the_priors_deviation_and_is_named():
 
 def normalised_errors(estimator, count, seed):
     """Squared errors of frames of at least 20 counts; 4 to 8 m, 0.9 m and 20 deg."""
-    sea, rng = estimator.scene, np.random.default_rng(seed)
-    model = ForwardModel(sea)
-    high = np.array([-4.0, 0.9, 0.9, *np.radians([20.0, 20.0])])
-    poses = rng.uniform([-8.0, *-high[1:]], high, (2 * count, 5))
-    poses = poses[model.light(poses).max(axis=(1, 2)) > 20][:count]
-    images = model.expose(poses, rng)
-    errors = []
-    for pose, image in zip(poses, images, strict=True):
+    model, rng, errors = ForwardModel(estimator.scene), np.random.default_rng(seed), []
+    poses = lit_poses(model, count, rng)
+    for pose, image in zip(poses, model.expose(poses, rng), strict=True):
         with suppress(NoPose):
             errors.append(squared_error(estimator.estimate(image), pose))
     return np.array(errors)

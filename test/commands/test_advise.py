@@ -1,6 +1,5 @@
 """``uuv_array advise``: its choice on measurements made by hand."""
 
-import dataclasses
 import functools
 import json
 import math
@@ -11,14 +10,15 @@ import measured
 import pytest
 import yaml
 from command_line import json_of
+from scenes import changed
 
 from uuv_optical_array.commands.advise import Need, advise, calibrating
-from uuv_optical_array.forward.prior import PriorSettings
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.studies import tradeoff
 from uuv_optical_array.studies.shared.results import write
 from uuv_optical_array.studies.tradeoff import origin_of
 
+SCENE = load_scene("reference")
 NEED = Need(rate_hz=10.0, position_m=0.2, angle_deg=10.0)
 
 
@@ -31,13 +31,8 @@ def row(method="least_squares", side=5, rows=1024, position=0.1, p99=50.0, **oth
 run = functools.partial(command_line.run, "advise")
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return load_scene("reference")
-
-
 @pytest.fixture
-def folder(scene, tmp_path):
+def folder(tmp_path):
     """Measurements of this machine: 3 x 3 is too coarse, 7 x 7 too slow at 100 Hz."""
     rows = [
         row("moments", 3, 0, position=0.01, p99=0.1, steps=0),
@@ -47,7 +42,7 @@ def folder(scene, tmp_path):
         row("sam", 5, 1024, position=0.6, p99=0.5),
         row(side=7, position=0.05, angle=1.0, p99=20.0),
     ]
-    write(tmp_path / "tradeoff.csv", origin_of(scene, "quick"), [vars(one) for one in rows])
+    write(tmp_path / "tradeoff.csv", origin_of(SCENE, "quick"), [vars(one) for one in rows])
     return tmp_path
 
 
@@ -93,15 +88,15 @@ def test_without_our_methods_there_is_no_advice():
         advise([row("moments")], NEED)
 
 
-def test_command_names_what_to_change(folder, scene, capsys):
+def test_command_names_what_to_change(folder, capsys):
     run("--rate", 100, "--output", folder)
     out = capsys.readouterr().out
     assert out.startswith("100 Hz, 0.2 m, 10 deg: least_squares, curved 5 x 5, table 1e3\n")
     # What is printed can be pasted into the scene file.
     lines = out.partition("in the scene (reference):\n")[2].partition("parameter")[0]
-    pasted = {**scene.settings(), **yaml.safe_load(lines)}
+    pasted = {**SCENE.settings(), **yaml.safe_load(lines)}
     made = scene_from_settings(pasted, "pasted")
-    assert made.array == scene.array
+    assert made.array == SCENE.array
     assert made.table.yaw_deg == (-20.0, 20.0, 4)
     assert made.table.y_m == (-0.9, 0.9, 4)
     assert "method: least_squares" in out.partition("parameter of the estimator_node:")[2]
@@ -128,8 +123,8 @@ def test_command_says_that_no_setting_meets_the_need_and_by_how_much(folder, cap
 
 
 @pytest.mark.parametrize("field", ["fingerprint", "machine"])
-def test_measurements_of_elsewhere_are_not_used(field, scene, tmp_path, capsys, monkeypatch):
-    origin = origin_of(scene, "quick") | {field: "another"}
+def test_measurements_of_elsewhere_are_not_used(field, tmp_path, capsys, monkeypatch):
+    origin = origin_of(SCENE, "quick") | {field: "another"}
     write(tmp_path / "tradeoff.csv", origin, [vars(row(side=2))])
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     measured = []
@@ -155,15 +150,14 @@ def test_measurements_of_elsewhere_are_not_used(field, scene, tmp_path, capsys, 
     stop_after = None
     measured.clear()
     results = [json_of(run, "--output", tmp_path) for _ in range(2)]
-    assert len(measured) == len(tradeoff.plan(scene, "quick"))
+    assert len(measured) == len(tradeoff.plan(SCENE, "quick"))
     assert results[0] == results[1]
     assert results[0]["complete"] is True
     assert results[0]["measured"].startswith(str(tmp_path / "cache"))
 
 
-def test_a_scene_that_is_not_exact_says_what_a_calibration_would_gain(scene):
-    uncertain = dataclasses.replace(scene, prior=PriorSettings(lamp_power_std=0.2))
-    text = calibrating(uncertain, row())
+def test_a_scene_that_is_not_exact_says_what_a_calibration_would_gain():
+    text = calibrating(changed(SCENE, prior={"lamp_power_std": 0.2}), row())
     now, then = map(float, re.findall(r"([\d.]+) m ", text))
     assert now > 1.5 * then
-    assert calibrating(scene, row()) == ""
+    assert calibrating(SCENE, row()) == ""

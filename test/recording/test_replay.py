@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from asker import place_of
+from asker import assert_is, place_of
 from bags import drive_messages, image_message, write_bag
 from command_line import run
 from conftest import write_scene
@@ -120,10 +120,7 @@ def test_the_nodes_say_the_same_of_the_same_images(lab, drive, compiled_fit, tmp
         if frame.estimate is None:
             continue
         for heard, found in ((poses, frame.estimate), (tracks, frame.track)):
-            position, quaternion = place_of(lab.answer(heard, stamp))
-            np.testing.assert_allclose(position, found.pose[:3], atol=1e-9)
-            attitude = Rotation.from_euler("ZYX", [found.pose[4], found.pose[3], 0.0])
-            assert (attitude.inv() * Rotation.from_quat(quaternion)).magnitude() < 1e-9
+            assert_is(lab.answer(heard, stamp), found)
     assert len(poses) == len(tracks) == count - len(BAD)
 
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from matplotlib.markers import CARETDOWN, CARETUP
 from second_paper import second_angle, second_features, second_image
 
-from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.signature.features import scene_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -28,10 +28,7 @@ from uuv_optical_array.studies.shared.separation import (
     paper_signature,
 )
 
-
-@pytest.fixture(scope="module")
-def scene():
-    return load_scene("eren2016")
+SCENE = load_scene("eren2016")
 
 
 @pytest.mark.parametrize(
@@ -39,8 +36,8 @@ def scene():
     [s for s in paper.STATEMENTS if s.relation != "not significant"],
     ids=lambda s: f"{s.figure}: {s.text}",
 )
-def test_the_reconstruction_against_what_the_paper_states(scene, statement):
-    ours = statement.ours(functools.partial(angles_deg, scene))
+def test_the_reconstruction_against_what_the_paper_states(statement):
+    ours = statement.ours(functools.partial(angles_deg, SCENE))
     if statement.relation == "above":
         assert ours > statement.paper
     elif statement.relation == "below":
@@ -62,15 +59,15 @@ def test_the_reconstruction_against_what_the_paper_states(scene, statement):
 )
 @settings(max_examples=15)
 def test_every_kind_of_point_is_that_of_the_second_implementation(
-    scene, shape, side, range_m, motion, share
+    shape, side, range_m, motion, share
 ):
     step = share * (0.3 if motion == "shift" else 20.0)
-    found = angles_deg(scene, Conditions(shape, side, range_m, motion), [step])
+    found = angles_deg(SCENE, Conditions(shape, side, range_m, motion), [step])
     np.testing.assert_allclose(found, second_angle(shape, side, range_m, motion, step), atol=1e-6)
 
 
-def test_statements_of_several_points_are_those_of_the_second_implementation(scene):
-    angles, steps = functools.partial(angles_deg, scene), np.arange(1, 21) * 0.03
+def test_statements_of_several_points_are_those_of_the_second_implementation():
+    angles, steps = functools.partial(angles_deg, SCENE), np.arange(1, 21) * 0.03
     curved, planar = (
         np.array([second_angle(shape, 21, 4.0, "shift", step) for step in steps])
         for shape in ("curved", "planar")
@@ -84,9 +81,9 @@ def test_statements_of_several_points_are_those_of_the_second_implementation(sce
         assert found == pytest.approx(max(others) - at_7, abs=1e-6)
 
 
-def test_noise_is_the_mean_angle_between_noisy_rounded_readings(scene):
+def test_noise_is_the_mean_angle_between_noisy_rounded_readings():
     rng, at, shift = np.random.default_rng(2), Conditions("curved", 5, 8.0, "shift"), 0.03
-    found = paper.noise_deg(scene, at, shift, np.random.default_rng(1), draws=500)
+    found = paper.noise_deg(SCENE, at, shift, np.random.default_rng(1), draws=500)
     counts = 1000 / second_image("curved", 5, [-4.0, 0, 0], 0).max()
     images = [counts * second_image("curved", 5, [-8.0, y, 0], 0) for y in (0, shift)]
     top, angles = images[0].max(), []
@@ -115,10 +112,10 @@ def test_what_has_no_number_is_flat_and_met_by_nobody():
     assert text.splitlines()[1].split()[-2:] == ["2", "flat"]
 
 
-def test_the_plain_five_numbers_of_the_papers_array_do_not_see_range_when_aligned(scene):
-    images = ForwardModel(scene).expected([[-4.0, 0, 0, 0, 0], [-8.0, 0, 0, 0, 0]])
-    near, far = key_parameters(images, scene.full_scale_counts, scene.signature.peak)
-    assert (scene.signature.peak, scene.signature.lift) == ("detector", 0)
+def test_the_plain_five_numbers_of_the_papers_array_do_not_see_range_when_aligned():
+    images = ForwardModel(SCENE).expected([[-4.0, 0, 0, 0, 0], [-8.0, 0, 0, 0, 0]])
+    near, far = scene_parameters(images, SCENE)
+    assert (SCENE.signature.peak, SCENE.signature.lift) == ("detector", 0)
     assert near[0] > 5 * far[0]
     # Skewnesses of symmetric profiles are 0 but for rounding, which a weak peak magnifies.
     assert spectral_angle(near, far) < 1e-13

@@ -34,16 +34,12 @@ from uuv_optical_array.studies.tradeoff import (
     plan,
 )
 
+SCENE = load_scene("reference")
 PLAN = [
     *(Setting(method, "curved", side, 3) for side in (3, 5) for method in METHODS),
     Setting("moments", "planar", 3, 0),
     Setting("look_up", "planar", 3, 0),
 ]
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return load_scene("reference")
 
 
 @pytest.fixture
@@ -135,17 +131,17 @@ def test_full_plan_is_every_setting_once_and_quick_is_part_of_it(name):
     assert full[0][1:3] == quick[0][1:3] == own
 
 
-def test_an_array_of_another_size_is_measured_too(scene):
-    settings = plan(changed(scene, array={"detectors_per_side": 9}), "quick")
+def test_an_array_of_another_size_is_measured_too():
+    settings = plan(changed(SCENE, array={"detectors_per_side": 9}), "quick")
     assert settings[0].detectors_per_side == 9
     assert {setting.detectors_per_side for setting in settings} == {3, 5, 7, 9, 21}
 
 
-def test_rows_hold_the_errors_of_the_estimators(scene):
+def test_rows_hold_the_errors_of_the_estimators():
     settings = [Setting(method, "curved", 3, 4) for method in METHODS]
-    rows = {row.method: row for row in measure(scene, settings, 12, 5)}
+    rows = {row.method: row for row in measure(SCENE, settings, 12, 5)}
     assert len({row.build_s for row in rows.values()}) == 1  # one table for all
-    inside = settings[0].scene(scene)
+    inside = settings[0].scene(SCENE)
     model, rng = ForwardModel(inside), np.random.default_rng([5, 3, 0])
     poses = lit_poses(model, 12, rng)
     images = model.expose(poses, rng)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from bags import image_message, write_bag
-from command_line import run
+from command_line import run, text_of
 from needs import rosbags
 
 from uuv_optical_array.calibration.acceptance import Acceptance, in_air
@@ -146,12 +146,12 @@ def test_air_takes_the_water_away_and_widens_the_beam():
 
 
 @rosbags
-def test_the_command_says_pass_or_fail_of_each_detector(tmp_path, capsys):
+def test_the_command_says_pass_or_fail_of_each_detector(tmp_path):
     for name, faults, code in (("good", {}, 0), ("bad", {"noise": at((4, 0), 5, 1)}, 1)):
         messages = [image_message(*each) for each in session(**faults)]
         bag = write_bag(tmp_path / name, messages, "MCAP")
-        run("commission", bag, "--lamp", RANGE_M, "-o", tmp_path / "sea.yaml", code=code)
-        out = capsys.readouterr().out
+        words = ("--lamp", RANGE_M, "-o", tmp_path / "sea.yaml")
+        out = text_of(run, "commission", bag, *words, code=code)
         assert out.count("pass  ") + out.count("pass\n") == 25 - code
         assert ("acceptance test: passed" in out) == (code == 0)
     assert "detector [4, 0] fails: noise 4" in out
@@ -159,8 +159,7 @@ def test_the_command_says_pass_or_fail_of_each_detector(tmp_path, capsys):
     lights = [image_message(*each) for each in session(scene=LIGHTS)]
     bag = write_bag(tmp_path / "lights", lights, "MCAP")
     words = ("--scene", "leading_lights", "-o", tmp_path / "lights.yaml")
-    run("commission", bag, "--lamp", RANGE_M, *words)
-    out = capsys.readouterr().out
+    out = text_of(run, "commission", bag, "--lamp", RANGE_M, *words)
     assert "move one of the lamps, lit, in place of the torch" in out
     assert "acceptance test: passed" in out
     assert load_scene(tmp_path / "lights.yaml").array.wiring == WIRED

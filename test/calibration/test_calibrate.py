@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bags import TYPES, image_message, odometry_message, store, write_bag
 from calibrated_seas import AIMS, sea, truth_of
-from command_line import assert_picture, interrupted, json_of, python, run
+from command_line import assert_picture, interrupted, json_of, python, run, text_of
 from matplotlib.figure import Figure
 from needs import rosbags
 from scipy.spatial.transform import Rotation
@@ -295,11 +295,11 @@ def stopped(self, path, **options):
 
 @pytest.mark.parametrize("words", [(), ("--json",)])
 def test_ctrl_c_while_it_draws_keeps_the_scene_and_the_report(
-    bag, tmp_path, sea_of_before, monkeypatch, capsys, words
+    bag, tmp_path, sea_of_before, monkeypatch, words
 ):
     monkeypatch.setattr(Figure, "savefig", stopped)
-    run(*command(bag, tmp_path, "--picture", tmp_path / "x.png", *words), code=130)
-    printed = capsys.readouterr().out
+    drawn = command(bag, tmp_path, "--picture", tmp_path / "x.png", *words)
+    printed = text_of(run, *drawn, code=130)
     assert json.loads(printed)["images"] == 300 if words else "300 images" in printed
     assert list(tmp_path.iterdir()) == [sea_of_before]
     assert load_scene(sea_of_before).effects["responsivity"]["gains"]

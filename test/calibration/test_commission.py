@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bags import image_message, write_bag
 from builtin_interfaces.msg import Time
-from command_line import PROGRAM, begun, ended, run
+from command_line import PROGRAM, begun, ended, run, text_of
 from nav_msgs.msg import Odometry
 from needs import rosbags
 from odometries import odometry, time_of
@@ -34,12 +34,10 @@ def sent():
 
 
 @rosbags
-def test_a_bag_of_both_sweeps_gives_the_scene_its_wiring(sent, tmp_path, capsys):
+def test_a_bag_of_both_sweeps_gives_the_scene_its_wiring(sent, tmp_path):
     bag = write_bag(tmp_path / "torch", [image_message(*each) for each in sent], "MCAP")
     output = tmp_path / "sea.yaml"
-    run("commission", bag, "-o", output)
-    told = capsys.readouterr().out
-    assert "readings are of other detectors" in told
+    assert "readings are of other detectors" in text_of(run, "commission", bag, "-o", output)
     assert load_scene(output).array.wiring == WIRED
     # Again, from a scene that has a wiring already: the same, and its comments are kept.
     output.write_text(f"# My rig.\n{output.read_text('utf-8')}# Mine.\n", encoding="utf-8")
@@ -56,16 +54,14 @@ def test_a_bag_of_both_sweeps_gives_the_scene_its_wiring(sent, tmp_path, capsys)
 
 
 @rosbags
-def test_an_array_that_is_wired_right_gets_no_wiring_and_a_bag_that_ends_early_no_scene(
-    tmp_path, capsys
-):
+def test_an_array_that_is_wired_right_gets_no_wiring_and_a_bag_that_ends_early_no_scene(tmp_path):
     frames = [image_message(*each) for each in torch_run(5, np.random.default_rng(6))]
     output = tmp_path / "sea.yaml"
     half = write_bag(tmp_path / "half", frames[: len(frames) // 2], "MCAP")
     assert "ends before both sweeps" in run("commission", half, "-o", output, code=1)
     assert not output.exists()
-    run("commission", write_bag(tmp_path / "torch", frames, "MCAP"), "-o", output)
-    assert "wiring: in reading order" in capsys.readouterr().out
+    bag = write_bag(tmp_path / "torch", frames, "MCAP")
+    assert "wiring: in reading order" in text_of(run, "commission", bag, "-o", output)
     assert load_scene(output).array.wiring is None
 
 

@@ -1,7 +1,6 @@
 """``uuv_array advise``: its choice on measurements made by hand."""
 
 import functools
-import json
 import math
 import re
 
@@ -9,7 +8,7 @@ import command_line
 import measured
 import pytest
 import yaml
-from command_line import json_of
+from command_line import json_of, text_of
 from scenes import changed
 
 from uuv_optical_array.commands.advise import Need, advise, calibrating
@@ -88,9 +87,8 @@ def test_without_our_methods_there_is_no_advice():
         advise([row("moments")], NEED)
 
 
-def test_command_names_what_to_change(folder, capsys):
-    run("--rate", 100, "--output", folder)
-    out = capsys.readouterr().out
+def test_command_names_what_to_change(folder):
+    out = text_of(run, "--rate", 100, "--output", folder)
     assert out.startswith("100 Hz, 0.2 m, 10 deg: least_squares, curved 5 x 5, table 1e3\n")
     # What is printed can be pasted into the scene file.
     lines = out.partition("in the scene (reference):\n")[2].partition("parameter")[0]
@@ -102,10 +100,9 @@ def test_command_names_what_to_change(folder, capsys):
     assert "method: least_squares" in out.partition("parameter of the estimator_node:")[2]
 
 
-def test_command_says_that_no_setting_meets_the_need_and_by_how_much(folder, capsys):
+def test_command_says_that_no_setting_meets_the_need_and_by_how_much(folder):
     words = ("--rate", 100, "--position", 0.08, "--output", folder)
-    run(*words, code=1)
-    out = capsys.readouterr().out
+    out = text_of(run, *words, code=1)
     assert out.startswith("no setting meets 100 Hz, 0.08 m, 10 deg; the nearest: ")
     assert "least_squares, curved 5 x 5, table 1e5" in out.splitlines()[0]
     assert "position is 0.1 m, 0.02 more than 0.08 (+25%)" in out
@@ -138,14 +135,12 @@ def test_measurements_of_elsewhere_are_not_used(field, tmp_path, capsys, monkeyp
 
     monkeypatch.setattr(tradeoff, "measure", measure)
     stop_after = 1
-    run("--output", tmp_path, "--json", code=130)
-    out, err = capsys.readouterr()
-    result = json.loads(out)
+    result = json_of(run, "--output", tmp_path, code=130)
     assert result["found"]["shape"] == "planar"
     assert (result["complete"], result["measured"]) == (False, "not kept")
     assert "radius_m" not in result["change"]["scene"]["array"]
     assert measured == [(300, 1)]
-    assert "another scene or machine" in err
+    assert "another scene or machine" in capsys.readouterr().err
     # A whole measurement is kept, and read the next time.
     stop_after = None
     measured.clear()

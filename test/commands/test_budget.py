@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 import yaml
-from command_line import assert_picture, run
+from command_line import assert_picture, run, text_of
 from scenes import changed, make_scene
 from scipy.integrate import quad
 from scipy.optimize import least_squares
@@ -95,10 +95,10 @@ def test_the_risk_group_is_that_of_the_radiance(watts, nm, group):
     assert found == group
 
 
-def test_the_keys_that_are_printed_make_the_scene_that_is_told(tmp_path, capsys):
+def test_the_keys_that_are_printed_make_the_scene_that_is_told(tmp_path):
     picture = tmp_path / "budget.png"
-    run("budget", "--scene", "coastal", "--daylight-w-per-m2", 0.01, "--output", picture)
-    out = capsys.readouterr().out
+    words = ("--scene", "coastal", "--daylight-w-per-m2", 0.01, "--output", picture)
+    out = text_of(run, "budget", *words)
     text = out[out.index("extends: ") : out.index("picture: ")]
     printed = yaml.safe_load(text)
     assert printed["effects"]["ambient"]["level_counts"] > 100
@@ -115,20 +115,20 @@ def test_the_keys_that_are_printed_make_the_scene_that_is_told(tmp_path, capsys)
 
 
 @pytest.mark.usefixtures("sketched")
-def test_the_eyes_see_each_of_several_lamps_by_itself(capsys, tmp_path):
-    told = {}
-    for scene in ("follow", "leading_lights"):
-        run("budget", "--scene", scene, "--output", tmp_path / "budget.png")
-        told[scene] = capsys.readouterr().out
+def test_the_eyes_see_each_of_several_lamps_by_itself(tmp_path):
+    told = {
+        scene: text_of(run, "budget", "--scene", scene, "--output", tmp_path / "budget.png")
+        for scene in ("follow", "leading_lights")
+    }
     one, three = (float(re.search(r"blue light (\S+),", text).group(1)) for text in told.values())
     assert three == pytest.approx(one / 3, rel=0.01)
     assert told["leading_lights"].startswith("3 lamps: 0.5 W in a beam of 8 deg")
 
 
 @pytest.mark.usefixtures("sketched")
-def test_the_watts_for_a_reach_are_the_least(tmp_path, capsys):
-    run("budget", "--reach", 4.5, "--output", tmp_path / "budget.png")
-    watts = float(capsys.readouterr().out.split()[1])
+def test_the_watts_for_a_reach_are_the_least(tmp_path):
+    text = text_of(run, "budget", "--reach", 4.5, "--output", tmp_path / "budget.png")
+    watts = float(text.split()[1])
     for factor, within in ((1.0, True), (0.99, False)):
         scene = scene_with(FOLLOW, Instrument(lamp_w=factor * watts))
         std = cramer_rao_bound(ForwardModel(scene), aligned([4.5])).std[0]

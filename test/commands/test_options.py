@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import pytest
-from command_line import run
+from command_line import run, text_of
 from generated import reference
 from hypothesis import given
 from hypothesis import strategies as st
@@ -156,6 +156,5 @@ def test_what_has_no_possible_name_ends_with_2(tmp_path):
         assert "name too long" in run(*words, option, tmp_path / f"{'a' * 300}.png", code=2)
 
 
-def test_the_version_is_that_of_the_package(capsys):
-    run("--version")
-    assert capsys.readouterr().out == f"uuv_array {uuv_optical_array.__version__}\n"
+def test_the_version_is_that_of_the_package():
+    assert text_of(run, "--version") == f"uuv_array {uuv_optical_array.__version__}\n"

@@ -16,21 +16,10 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.scene_files import scene_file, sentence
 
-run = functools.partial(command_line.run, "scenes")
+told = functools.partial(command_line.text_of, command_line.run, "scenes")
 
 
-@pytest.fixture
-def told(capsys):
-    """Return a function that runs the command and returns what it prints."""
-
-    def printed(*words):
-        run(*words)
-        return capsys.readouterr().out
-
-    return printed
-
-
-def test_every_ready_scene_is_listed_with_its_sentence_and_figures(told):
+def test_every_ready_scene_is_listed_with_its_sentence_and_figures():
     blocks = told().replace("\n  ", "\t").splitlines()
     assert [block.partition("\t")[0] for block in blocks] == READY
     for block in blocks:
@@ -66,7 +55,7 @@ def test_reach_is_nowhere_in_the_dark_and_endless_without_noise():
     assert reach(load_scene("ideal"))[1] == REACH_M[-1]
 
 
-def test_a_scene_is_printed_as_a_file_that_makes_the_same_scene(told, tmp_path):
+def test_a_scene_is_printed_as_a_file_that_makes_the_same_scene(tmp_path):
     text = told("night_plume")
     assert text.splitlines()[1] == "# night_plume extends coastal, which extends follow."
     (tmp_path / "night_plume.yaml").write_text(text, encoding="utf-8")
@@ -89,7 +78,7 @@ def test_every_key_is_explained_by_its_bounds_and_default():
             assert f"{lines[0]}\n{lines[1]}\n" in f"{found}\n", "the group has it, too"
 
 
-def test_a_key_an_effect_and_a_group_are_found_by_their_short_names(told):
+def test_a_key_an_effect_and_a_group_are_found_by_their_short_names():
     assert told("lamp.beam_sigma_deg").splitlines()[:2] == [
         "lamp.beam_sigma_deg: standard deviation of the beam",
         "  from 0.1 to 90 deg; must be given",

@@ -1,12 +1,11 @@
 """The sample bag of the tutorials is what its script writes, and a fit finds the script's sea."""
 
-import json
 import runpy
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import json_of, run
 from needs import rosbags
 
 from uuv_optical_array.calibration.calibrate import calibrate
@@ -38,11 +37,10 @@ def test_it_is_what_its_script_writes(sample, monkeypatch, tmp_path):
     assert sum(file.stat().st_size for file in (EXAMPLES / "sample").iterdir()) < 2**20
 
 
-def test_errors_of_poses_reach_the_fit_in_metres_and_degrees(sample, tmp_path, capsys):
+def test_errors_of_poses_reach_the_fit_in_metres_and_degrees(sample, tmp_path):
     output = tmp_path / "sea.yaml"
-    words = ("--pose-std", 0.05, 1, "--json", "-o", output, "--force")
-    run("calibrate", EXAMPLES / "sample", *words)
-    told = json.loads(capsys.readouterr().out)["parameters"]
+    words = ("--pose-std", 0.05, 1, "-o", output, "--force")
+    told = json_of(run, "calibrate", EXAMPLES / "sample", *words)["parameters"]
     stds = [0.05, 0.05, 0.05, np.radians(1), np.radians(1)]
     drive = sample.images, sample.poses, sample.rolls
     for one in calibrate(load_scene("follow"), *drive, pose_std=stds).parameters:

@@ -23,8 +23,7 @@ def page(tmp_path):
 def test_a_page_gets_the_command_and_what_it_printed(page, capsys):
     assert fill_page.main(str(page), *WORDS) == 0
     told = capsys.readouterr().out
-    command_line.run(*WORDS[1:])
-    assert told == capsys.readouterr().out
+    assert told == command_line.text_of(command_line.run, *WORDS[1:])
     printed = "\n".join(map(str.rstrip, told.strip().splitlines()))
     shown = f"```sh\nuuv_array scenes plume\n```\n\n```text\n{printed}\n```"
     assert page.read_text(encoding="utf-8") == f"<!-- printed -->\n\n{shown}\n\n<!-- end -->\n"

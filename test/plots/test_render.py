@@ -6,6 +6,7 @@ import re
 import command_line
 import numpy as np
 import pytest
+from command_line import text_of
 from matplotlib.image import imread
 
 from uuv_optical_array.commands.render import COLUMNS, draw_scene, sheet_poses
@@ -28,10 +29,9 @@ def test_the_sheet_shows_each_motion_alone_at_each_range():
         np.testing.assert_allclose(sheet[:, column, 1 + dof] * scale, value)
 
 
-def test_render_draws_the_picture_and_says_what_the_scene_holds(capsys, tmp_path):
+def test_render_draws_the_picture_and_says_what_the_scene_holds(tmp_path):
     picture = tmp_path / "harbour.png"
-    run("--scene", "harbour", "--output", picture)
-    said = capsys.readouterr().out
+    said = text_of(run, "--scene", "harbour", "--output", picture)
     named = "sea, responsivity, photodiode, saturation, adc"
     assert f"scene harbour: {named}\n" in said
     assert f"picture: {picture}" in said
@@ -42,9 +42,9 @@ def test_render_draws_the_picture_and_says_what_the_scene_holds(capsys, tmp_path
 
 
 @pytest.mark.usefixtures("sketched")
-def test_the_sheet_of_a_plume_is_that_of_its_time(capsys, tmp_path):
-    run("--scene", "night_plume", "--time-s", 30, "--output", tmp_path / "sheet.png")
-    printed = re.findall(r"to (\S+) counts", capsys.readouterr().out)
+def test_the_sheet_of_a_plume_is_that_of_its_time(tmp_path):
+    words = ("--scene", "night_plume", "--time-s", 30, "--output", tmp_path / "sheet.png")
+    printed = re.findall(r"to (\S+) counts", text_of(run, *words))
     model = ForwardModel(load_scene("night_plume"))
     before, then = (
         model.expose(sheet_poses(), np.random.default_rng(0), time_s=t)[:, 0].max(axis=(-1, -2))

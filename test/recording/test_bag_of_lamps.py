@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bags import drive_messages, image_message, write_bag
 from calibrated_seas import exposed, lights
-from command_line import run
+from command_line import run, text_of
 from needs import rosbags
 from scipy.spatial.transform import Rotation
 
@@ -38,38 +38,35 @@ def bag(drive, tmp_path_factory):
     return write_bag(tmp_path_factory.mktemp("lights") / "lights", messages, "MCAP")
 
 
-def estimated(bag, folder, scene, capsys):
+def estimated(bag, folder, scene):
     """Return poses and their standard deviations, nan without one, and what was printed."""
-    run("estimate", bag, "--scene", scene, "-o", folder)
+    told = text_of(run, "estimate", bag, "--scene", scene, "-o", folder)
     with (folder / "frames.csv").open(newline="") as file:
         rows = [
             [row[f"{of}{key}"] for of in ("", "std_") for key in POSE]
             for row in csv.DictReader(file)
         ]
     found = np.array([[float(cell or "nan") for cell in row] for row in rows])
-    return found[:, :5], found[:, 5:], capsys.readouterr().out
+    return found[:, :5], found[:, 5:], told
 
 
-def test_a_scene_that_is_calibrated_on_a_bag_of_lamps_explains_its_images(
-    bag, drive, tmp_path, capsys
-):
+def test_a_scene_that_is_calibrated_on_a_bag_of_lamps_explains_its_images(bag, drive, tmp_path):
     scene, poses, _, _ = drive
-    before, std, told = estimated(bag, tmp_path / "before", "leading_lights", capsys)
+    before, std, told = estimated(bag, tmp_path / "before", "leading_lights")
     right = (np.abs(before - poses) < 3 * std).all(axis=1)  # not where there is no pose
     assert right.mean() < 0.5, "another sea, and other lamps"
     assert f"{IMAGES} images" in told
     assert "left out: 1 x /array/image: " in told
     calibrated = tmp_path / "lights.yaml"
-    run("calibrate", bag, "--scene", "leading_lights", "--noise", "-o", calibrated)
-    told = capsys.readouterr().out
-    assert "lamps.2.yaw_deg" in told
+    words = ("--scene", "leading_lights", "--noise", "-o", calibrated)
+    assert "lamps.2.yaw_deg" in text_of(run, "calibrate", bag, *words)
     lamps = load_scene(calibrated).lamps
     for found, true in zip(lamps, scene.lamps, strict=True):
         assert [found.pitch_deg, found.yaw_deg] == pytest.approx(
             [true.pitch_deg, true.yaw_deg], abs=0.1
         )
         assert [found.y_m, found.z_m] == pytest.approx([true.y_m, true.z_m], abs=0.01)
-    after, std, told = estimated(bag, tmp_path / "after", calibrated, capsys)
+    after, std, told = estimated(bag, tmp_path / "after", calibrated)
     assert f"{IMAGES} poses" in told
     off = after - poses
     assert (np.sqrt(np.mean(off**2, axis=0)) < [0.05, 0.03, 0.03, 0.02, 0.02]).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from asker import assert_is, place_of
 from bags import drive_messages, image_message, write_bag
-from command_line import run
+from command_line import run, text_of
 from conftest import write_scene
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
@@ -176,31 +176,26 @@ def test_what_is_written_reads_back_by_other_readers(drive, estimator, tmp_path)
     assert np.linalg.eigvalsh(message.pose.covariance.reshape(6, 6)).min() > 0
 
 
-def test_the_command_writes_a_folder_and_tells_errors_and_refusals(
-    bag, scene_file, tmp_path, capsys
-):
+def test_the_command_writes_a_folder_and_tells_errors_and_refusals(bag, scene_file, tmp_path):
     words = ("--scene", scene_file, "--method", METHOD, "-o", tmp_path / "out")
-    run("estimate", bag, *words)
-    told = capsys.readouterr().out
+    told = text_of(run, "estimate", bag, *words)
     for word in (f"{IMAGES} images", f"{IMAGES - 3} poses", "no pose: 1 x frozen", "rms error"):
         assert word in told
     assert len((tmp_path / "out" / "frames.csv").read_text().splitlines()) == IMAGES + 1
     assert "it exists" in run("estimate", bag, *words, code=2)
 
 
-def test_a_bag_of_images_alone_is_enough(drive, scene_file, tmp_path, capsys):
+def test_a_bag_of_images_alone_is_enough(drive, scene_file, tmp_path):
     _, stamps, images = drive
     only = [image_message(int(stamps[i]), images[i]) for i in range(4)]
-    run(
-        "estimate", write_bag(tmp_path / "images", only), "--scene", scene_file,
-        "--method", METHOD, "-o", tmp_path / "out",
-    )  # fmt: skip
-    assert "rms error" not in capsys.readouterr().out
+    words = ("--scene", scene_file, "--method", METHOD, "-o", tmp_path / "out")
+    told = text_of(run, "estimate", write_bag(tmp_path / "images", only), *words)
+    assert "rms error" not in told
     assert not (tmp_path / "out" / "truth.tum").exists()
     assert np.loadtxt(tmp_path / "out" / "relative_pose.tum").shape == (4, 8)
 
 
-def test_ctrl_c_keeps_what_is_there(bag, scene_file, tmp_path, monkeypatch, capsys):
+def test_ctrl_c_keeps_what_is_there(bag, scene_file, tmp_path, monkeypatch):
     bar = estimate.progress.over
 
     def cut_short(each, unit="frame", **options):
@@ -211,6 +206,6 @@ def test_ctrl_c_keeps_what_is_there(bag, scene_file, tmp_path, monkeypatch, caps
 
     monkeypatch.setattr(estimate.progress, "over", cut_short)
     words = ("--scene", scene_file, "--method", METHOD, "-o", tmp_path / "out")
-    run("estimate", bag, *words, code=130)
-    assert f"interrupted after 70 of {IMAGES} images" in capsys.readouterr().out
+    told = text_of(run, "estimate", bag, *words, code=130)
+    assert f"interrupted after 70 of {IMAGES} images" in told
     assert len((tmp_path / "out" / "frames.csv").read_text().splitlines()) == 71

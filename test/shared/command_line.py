@@ -43,11 +43,16 @@ def run(*words, code=0):
     return error.getvalue().splitlines()[-1] if code in (1, 2) and error.getvalue() else ""
 
 
+def text_of(command, *words, code=0):
+    """Run a command, as `run` does; return what it prints."""
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        command(*words, code=code)
+    return printed.getvalue()
+
+
 def json_of(command, *words, code=0):
     """Run a command, as `run` does, with ``--json``; return the object that it prints."""
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
-        command(*words, "--json", code=code)
-    return json.loads(printed.getvalue())
+    return json.loads(text_of(command, *words, "--json", code=code))
 
 
 def python(code, *words, **options):

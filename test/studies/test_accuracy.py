@@ -1,14 +1,13 @@
 """``uuv_array study accuracy``: statistics in closed form on planted errors, then real runs."""
 
 import functools
-import json
 
 import command_line
 import matplotlib.image
 import numpy as np
 import pytest
 from blind import Blind
-from command_line import json_of
+from command_line import json_of, text_of
 from scenes import changed, with_prior
 
 from uuv_optical_array.core.geometry import DOF_NAMES
@@ -106,9 +105,7 @@ def test_a_scene_in_which_no_frame_gets_a_pose_is_refused(model, poses):
 
 
 def test_least_squares_is_near_the_bound_of_the_reference_scene(capsys):
-    run("--poses", 600, "--seed", 3, "--json")
-    out, err = capsys.readouterr()
-    answer = json.loads(out)
+    answer = json_of(run, "--poses", 600, "--seed", 3)
     about = {"scene": "reference", "method": "least_squares", "poses": 600, "without_pose": 0}
     assert about.items() <= answer.items()
     assert tuple(answer["ratio_to_bound"]) == DOF_NAMES
@@ -119,14 +116,13 @@ def test_least_squares_is_near_the_bound_of_the_reference_scene(capsys):
     assert 4 < answer["nees_mean"] < 6
     assert 0 < answer["frame_ms"]["median"] <= answer["frame_ms"]["99th_percentile"]
     assert answer["model_ms"] > 0
-    assert "600/600" in err
+    assert "600/600" in capsys.readouterr().err
 
 
-def test_the_text_tells_the_same_as_the_object(capsys, scene_file):
+def test_the_text_tells_the_same_as_the_object(scene_file):
     words = ("--scene", scene_file, "--poses", 40, "--seed", 9)
     answer = json_of(run, *words)
-    run(*words)
-    text = capsys.readouterr().out
+    text = text_of(run, *words)
     assert text.startswith("least_squares in scene small, curved array, 40 random poses, seed 9\n")
     for name, ratio in answer["ratio_to_bound"].items():
         assert any(

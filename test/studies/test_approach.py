@@ -5,7 +5,7 @@ import functools
 import command_line
 import numpy as np
 import pytest
-from command_line import json_of
+from command_line import json_of, text_of
 from scenes import changed, coarse, with_prior
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
@@ -191,9 +191,7 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(tank, tank_file, tmp
 
 
 @pytest.mark.usefixtures("sketched")
-def test_a_case_that_was_cut_short_is_the_last_and_is_printed(
-    tank_file, tmp_path, capsys, monkeypatch
-):
+def test_a_case_that_was_cut_short_is_the_last_and_is_printed(tank_file, tmp_path, monkeypatch):
     def simulate(scene, case, runs, rng):
         yield np.zeros((len(METHODS), 2, FRAMES, 5))
         if len(seen) == 1:
@@ -202,8 +200,8 @@ def test_a_case_that_was_cut_short_is_the_last_and_is_printed(
 
     seen = []
     monkeypatch.setattr(approach, "simulate", simulate)
-    run("--scene", tank_file, "--runs", 3, "--output", tmp_path / "cut.png", code=130)
-    text = capsys.readouterr().out
+    words = ("--scene", tank_file, "--runs", 3, "--output", tmp_path / "cut.png")
+    text = text_of(run, *words, code=130)
     assert text.endswith("interrupted: only complete runs count\n")
     assert "dive, runs: 2" in text
     assert "zigzag, runs: 2" in text

@@ -11,7 +11,7 @@ import command_line
 import matplotlib.image
 import numpy as np
 import pytest
-from command_line import json_of
+from command_line import json_of, text_of
 from designs import CURVED, LISTS, PLANAR, SMALL
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -174,14 +174,12 @@ def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, cap
     with pytest.raises(MemoryError):
         run(*WORDS)
     heard.stop, heard.end = 6, KeyboardInterrupt
-    run(*WORDS, code=130)
-    out = capsys.readouterr().out
+    out = text_of(run, *WORDS, code=130)
     assert "4 designs are there already" in out
     assert "interrupted: 6 of 20 designs; the same command resumes it" in out
     assert "of 6 designs tell" in out
     heard.stop = None
-    run(*WORDS, "--take", 2)
-    out = capsys.readouterr().out
+    out = text_of(run, *WORDS, "--take", 2)
     assert "left out: 4 designs whose corners lie beyond their sphere" in out
     assert "6 designs are there already" in out
     assert len(heard) == 20

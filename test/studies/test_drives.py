@@ -6,7 +6,7 @@ import command_line
 import numpy as np
 import pytest
 from blind import Blind
-from command_line import json_of
+from command_line import json_of, text_of
 
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies import drives
@@ -69,10 +69,9 @@ def test_a_sea_is_one_draw_of_the_prior_and_stays(monkeypatch):
     assert np.std(drawn, axis=0) == pytest.approx(list(stds.values()), rel=4 / np.sqrt(2 * 200))
 
 
-def test_the_command_prints_the_same_figures_as_text_and_as_json(capsys):
+def test_the_command_prints_the_same_figures_as_text_and_as_json():
     words = ("--drives", "2", "--seconds", "12", "--rate", "1")
     found = json_of(run, *words)
     assert found["complete"]
     assert found["frames"] == 24
-    run(*words)
-    assert report(found) in capsys.readouterr().out
+    assert report(found) in text_of(run, *words)

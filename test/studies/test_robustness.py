@@ -7,7 +7,7 @@ import command_line
 import numpy as np
 import pytest
 from blind import Blind
-from command_line import assert_picture
+from command_line import assert_picture, json_of
 from scenes import WATER, make_scene
 from scipy.linalg import block_diag
 
@@ -152,9 +152,7 @@ def test_kinds_share_poses_and_noise_and_a_seed_repeats_them(table):
 
 def test_the_command_prints_the_same_as_text_and_as_json_and_draws(capsys, tmp_path, scene_file):
     picture, some = tmp_path / "r.png", ("--method", "sam", "--kinds", "stuck_detector,nothing")
-    run("--scene", scene_file, "--poses", 60, "--output", picture, *some, "--json")
-    out, err = capsys.readouterr()
-    answer = json.loads(out)
+    answer = json_of(run, "--scene", scene_file, "--poses", 60, "--output", picture, *some)
     assert (answer["scene"], answer["method"]) == ("small", "sam")
     assert (answer["poses"], answer["complete"]) == (60, True)
     assert all(row.keys() >= set(KEYS) for row in answer["kinds"])
@@ -164,7 +162,7 @@ def test_the_command_prints_the_same_as_text_and_as_json_and_draws(capsys, tmp_p
     assert honest["answered"] > 50
     assert honest["beyond_6_sigma"] < 10
     assert stuck["answered"] == 0
-    assert "stuck_detector: 60/60 frame" in err
+    assert "stuck_detector: 60/60 frame" in capsys.readouterr().err
     assert_picture(picture)
     lines = robustness.report(answer["kinds"]).splitlines()
     for row, line in zip(answer["kinds"], lines[1:], strict=True):

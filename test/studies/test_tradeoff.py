@@ -2,14 +2,13 @@
 
 import csv
 import functools
-import json
 import math
 import re
 
 import command_line
 import numpy as np
 import pytest
-from command_line import assert_picture
+from command_line import assert_picture, json_of
 from hypothesis import given
 from hypothesis import strategies as st
 from measured import ALL_METHODS, row
@@ -169,10 +168,8 @@ def test_rows_hold_the_errors_of_the_estimators():
 @pytest.mark.usefixtures("sketched", "small")
 def test_what_is_measured_is_written_and_drawn(tmp_path, capsys):
     folder = tmp_path / "out"
-    run("--output", folder, "--json")
-    out, error = capsys.readouterr()
-    assert re.search(r"\b8/8 setting", error)
-    result = json.loads(out)
+    result = json_of(run, "--output", folder)
+    assert re.search(r"\b8/8 setting", capsys.readouterr().err)
     assert result["complete"] is True
     assert (result["scene"], result["mode"], result["frames"]) == ("reference", "quick", 5)
     assert result["pictures"] == [str(folder / f"tradeoff{suffix}") for suffix in (".png", ".pdf")]

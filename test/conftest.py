@@ -411,6 +411,16 @@ def table(scene):
     return build_table(scene)
 
 
+@pytest.fixture
+def page(scene):
+    """A page of the live view, on a port of this machine."""
+    from uuv_optical_array.view.page import Page
+
+    page = Page(scene, "a test", port=18080)
+    yield page
+    page.close()
+
+
 @pytest.fixture(scope="session")
 def compiled_fit():
     """The fit compiled in this process, where Numba is installed, so that no node waits for it."""

@@ -140,9 +140,8 @@ def test_air_takes_the_water_away_and_widens_the_beam():
     )
     first, *others = LIGHTS.lamps
     own = dataclasses.replace(first, beam_sigma_deg=5.0)
-    assert in_air(dataclasses.replace(LIGHTS, lamps=(own, *others))).lamps[
-        0
-    ].beam_sigma_deg == pytest.approx(5 * 1.34)
+    lit = in_air(dataclasses.replace(LIGHTS, lamps=(own, *others)))
+    assert lit.lamps[0].beam_sigma_deg == pytest.approx(5 * 1.34)
 
 
 @rosbags

@@ -1,5 +1,6 @@
 """What serves numbers and arrays alike: each helper in NumPy, and the same source compiled."""
 
+import importlib
 import os
 
 import numpy as np
@@ -16,13 +17,6 @@ both = pytest.mark.parametrize("fast", [False, pytest.param(True, marks=numba)],
 
 def as_given(function, fast):
     return compilation.compiled(function) if fast else function
-
-
-@pytest.fixture(scope="module")
-def mathematics():
-    return pytest.importorskip(
-        "uuv_optical_array.core.numerics.compiled_math", reason="Numba is not installed"
-    )
 
 
 def shapes(component, count):
@@ -79,9 +73,9 @@ NAN, INF = np.nan, np.inf
         ("log_normal_distribution", log_ndtr, NORMAL, 1e-12, 1e-300, {-1e100: -5e199}),
     ],
 )
-def test_a_function_is_that_of_numpy_or_scipy(
-    mathematics, name, theirs, numbers, rtol, atol, edges
-):
+@numba
+def test_a_function_is_that_of_numpy_or_scipy(name, theirs, numbers, rtol, atol, edges):
+    mathematics = importlib.import_module("uuv_optical_array.core.numerics.compiled_math")
     function, numbers = getattr(mathematics, name), np.concatenate(numbers)
     found = [function(x) for x in numbers]
     np.testing.assert_allclose(found, theirs(numbers), rtol=rtol, atol=atol)

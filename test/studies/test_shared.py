@@ -58,11 +58,6 @@ def test_damaged_files_are_refused_in_one_line(tmp_path, spoil, number):
         read(path, Measurement)
 
 
-@pytest.fixture(scope="module")
-def yardstick():
-    return ForwardModel(load_scene("reference"))
-
-
 def test_errors_are_distance_and_angle():
     errors = np.array([[3.0, 0, 4, 0, 0], [0, 0, 0, np.radians(3), np.radians(-4)]])
     assert position_and_angle(errors) == pytest.approx((5 / math.sqrt(2), 5 / math.sqrt(2)))
@@ -70,7 +65,8 @@ def test_errors_are_distance_and_angle():
     assert range_across_angle([2, 3, 4, 6, 8]) == pytest.approx((2, 5 / 2**0.5, 10 / 2**0.5))
 
 
-def test_errors_are_those_of_the_answers(yardstick):
+def test_errors_are_those_of_the_answers():
+    yardstick = ForwardModel(load_scene("reference"))
     poses = uniform_poses(4, np.random.default_rng(0))
     images = np.arange(4.0)[:, None, None] * np.ones((3, 3))
 

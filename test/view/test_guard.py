@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from uuv_optical_array.view.closed_loop import Conditions
 from uuv_optical_array.view.guard import refusal
-from uuv_optical_array.view.page import Page
 from uuv_optical_array.view.simulation import chosen, sliders
 
 viser = pytest.importorskip("viser", reason="the view needs the extra view")
@@ -27,13 +26,6 @@ CAMERA = {
     **{"near": 0.1, "far": 9.0, "image_height": 9, "image_width": 9, "position": (1.0, 0.0, 0.0)},
     **{"look_at": (0.0, 0.0, 0.0), "up_direction": (0.0, 0.0, 1.0)},
 }
-
-
-@pytest.fixture
-def page(scene):
-    page = Page(scene, "guarded", port=18700)
-    yield page
-    page.close()
 
 
 def socket_of(page, path=None, **options):

@@ -109,13 +109,6 @@ def test_without_viser_it_says_what_to_install(scene, monkeypatch):
         Page(scene, "none")
 
 
-@pytest.fixture
-def page(scene):
-    page = Page(scene, "a test", port=18080)
-    yield page
-    page.close()
-
-
 def test_no_browser_opens_a_tunnel_to_the_internet(page, monkeypatch):
     from viser import _messages, _viser
 

@@ -13,7 +13,6 @@ from calibrated_seas import (
     TURNED,
     check_consistency,
     drive,
-    exposed,
     largest_pull,
     named,
     pulls,
@@ -41,9 +40,7 @@ def test_light_and_least_squares_written_a_second_time_find_the_same():
     scene, start = (
         changed(some, effects=no_limits) for some in (sea(gains=(0.08, 4)), "reference")
     )
-    rng = np.random.default_rng(2)
-    poses, rolls = drive(rng, 30)
-    images = exposed(scene, poses, rng, rolls, TURNED)
+    images, poses, rolls = recorded(scene, 30, 2, TURNED)
     found = calibrate(start, images, poses, rolls)
 
     readings, plain = images.reshape(30, 25), start.settings()
@@ -169,11 +166,8 @@ def test_any_sea_is_found_from_the_ready_scene(sigma, reference, k, ambient, spr
 
 def test_the_written_scene_reads_back_and_gives_the_light_of_the_fit(tmp_path):
     start = load_scene("coastal")  # a water type, a spread
-    rng = np.random.default_rng(5)
-    poses, rolls = drive(rng, 50)
-    found = calibrate(
-        start, images := exposed(sea("coastal"), poses, rng, rolls, TURNED), poses, rolls
-    )
+    images, poses, rolls = recorded(sea("coastal"), 50, 5, TURNED)
+    found = calibrate(start, images, poses, rolls)
     save_scene(found.scene, tmp_path / "found.yaml", "Found.")
     again = load_scene(tmp_path / "found.yaml")
     assert again.settings() == found.scene.settings()

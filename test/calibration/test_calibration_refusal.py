@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from bags import drive_messages, write_bag
-from calibrated_seas import AIMS, HIGHEST, LOWEST, exposed, largest_pull, named, pulls, sea
-from command_line import run
+from calibrated_seas import AIMS, drive, exposed, largest_pull, named, pulls, recorded, sea
+from command_line import run, text_of
 from needs import rosbags
 from scenes import changed
 from scipy import stats
@@ -44,21 +44,15 @@ def scene_of(lamp=(), prior="calibrated", **effects):
     return changed("reference", **groups, effects=effects)
 
 
-def drive(rng, count):
-    return rng.uniform(LOWEST, HIGHEST, (count, 5))
-
-
 def still(count):
     return np.tile([-5.0, 0.0, 0.0, 0.0, 0.0], (count, 1))
 
 
 @pytest.mark.parametrize("fit_noise", [False, True])
 def test_a_model_with_the_wrong_axes_is_refused_and_the_right_one_is_not(fit_noise):
-    rng = np.random.default_rng(1)
-    poses = drive(rng, 15)
-    images = ForwardModel(scene_of()).expose(poses, rng)
-    assert not calibrate(scene_of(), images, poses, fit_noise=fit_noise).refusal
-    found = calibrate(scene_of(), images, poses * MIRRORED, fit_noise=fit_noise)
+    images, poses, rolls = recorded(scene_of(), 15, seed=1)
+    assert not calibrate(scene_of(), images, poses, rolls, fit_noise=fit_noise).refusal
+    found = calibrate(scene_of(), images, poses * MIRRORED, rolls, fit_noise=fit_noise)
     assert found.misfit > 100
     for word in ("does not explain", "degrees of freedom", "--odometry-axes"):
         assert word in found.refusal
@@ -67,14 +61,11 @@ def test_a_model_with_the_wrong_axes_is_refused_and_the_right_one_is_not(fit_noi
 
 @pytest.mark.parametrize(("sigma", "refused"), [(1.5, False), (3.0, True)])
 def test_noise_beyond_twice_that_of_the_scene_is_refused_until_it_may_be_fitted(sigma, refused):
-    rng = np.random.default_rng(2)
-    poses = drive(rng, 60)
-    noisy = scene_of(sensor_noise={"sigma_counts": sigma})
-    images = ForwardModel(noisy).expose(poses, rng)
-    found = calibrate(scene_of(), images, poses)
+    drive = recorded(scene_of(sensor_noise={"sigma_counts": sigma}), 60, seed=2)
+    found = calibrate(scene_of(), *drive)
     assert bool(found.refusal) is refused
     assert ("give --noise" in found.refusal) is refused
-    assert not calibrate(scene_of(), images, poses, fit_noise=True).refusal
+    assert not calibrate(scene_of(), *drive, fit_noise=True).refusal
 
 
 def test_a_drive_that_stands_still_leaves_the_gains_as_they_were():
@@ -199,20 +190,16 @@ def test_a_long_bent_valley_is_followed_to_its_end():
 
 
 def test_ranges_that_suffice_are_not_asked_for_again():
-    rng = np.random.default_rng(7)
-    poses = drive(rng, 8)
     scene = scene_of({"reference_counts": 60.0})
-    found = calibrate(scene, ForwardModel(scene).expose(poses, rng), poses)
+    found = calibrate(scene, *recorded(scene, 8, seed=7))
     (note,) = (note for note in found.notes if note.startswith("attenuation.k_per_m"))
     assert "which is enough: record more images" in note
     assert "differ by a factor" not in note
 
 
 def test_the_scene_carries_the_standard_errors_as_its_prior():
-    rng = np.random.default_rng(8)
-    poses = drive(rng, 40)
-    images = ForwardModel(scene_of()).expose(poses, rng)
-    found = calibrate(scene_of(), images, poses, hold=["ambient.level_counts"])
+    drive = recorded(scene_of(), 40, seed=8)
+    found = calibrate(scene_of(), *drive, hold=["ambient.level_counts"])
     prior, parameters = found.scene.prior, named(found)
     assert prior.known == "calibrated"
     for key, name in (("lamp_power_std", "lamp.power"), ("radius_std", "array.radius_m")):
@@ -254,7 +241,7 @@ def test_what_is_not_known_is_not_exact(known, kept):
 def test_a_prior_is_about_what_the_scene_has_and_keeps_what_was_not_fitted(housed):
     effects, rng = {"attenuation": None, **housed}, np.random.default_rng(1)
     start = changed("reference", effects=effects, prior={"known": "calibrated"})
-    poses = drive(rng, 100)
+    poses, _ = drive(rng, 100)
     # Farther off it is brighter, if by little: no attenuation at all fits best.
     brighter = np.exp(0.002 * np.linalg.norm(poses[:, :3], axis=1))[:, None, None]
     model = ForwardModel(start)
@@ -267,12 +254,10 @@ def test_a_prior_is_about_what_the_scene_has_and_keeps_what_was_not_fitted(house
 
 @rosbags
 def test_the_command_writes_a_wrong_scene_only_by_force(tmp_path, capsys):
-    rng = np.random.default_rng(10)
-    poses = drive(rng, 12)
-    images = ForwardModel(scene_of()).expose(poses, rng)
+    images, poses, rolls = recorded(scene_of(), 12, seed=10)
     start = tmp_path / "start.yaml"
     save_scene(scene_of(), start, "Start.")
-    messages = drive_messages(10**8 * np.arange(1, 13), poses, images)
+    messages = drive_messages(10**8 * np.arange(1, 13), poses, images, rolls)
     bag, output = write_bag(tmp_path / "sea", messages), tmp_path / "sea.yaml"
     words = ("calibrate", bag, "--scene", start, "-o", output)
     wrong = (*words, "--odometry-axes", "frd")
@@ -281,8 +266,7 @@ def test_the_command_writes_a_wrong_scene_only_by_force(tmp_path, capsys):
     assert "--force" in line
     assert not output.exists()
     assert "mean squared residual" in capsys.readouterr().out
-    run(*wrong, "--force")
-    assert "scene:" in capsys.readouterr().out
+    assert "scene:" in text_of(run, *wrong, "--force")
     forced = load_scene(output)
     run(*words)
     assert load_scene(output).settings() != forced.settings()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from calibrated_seas import drive, largest_pull
+from calibrated_seas import largest_pull, recorded
 from scenes import changed
 
 from uuv_optical_array.calibration.calibrate import calibrate
@@ -73,8 +73,6 @@ def test_lamp_and_daylight_saturate_together_at_the_lamps_peak():
 def test_a_calibration_finds_lamp_and_gains_above_the_pedestal():
     truth = load_scene("sunlit_modulated")
     start = changed(truth, lamp={"beam_sigma_deg": 9.0, "reference_counts": 400.0})
-    rng = np.random.default_rng(4)
-    poses, rolls = drive(rng, 150)
-    found = calibrate(start, ForwardModel(truth).expose(poses, rng, rolls), poses, rolls)
+    found = calibrate(start, *recorded(truth, 150, seed=4))
     assert largest_pull(found, truth) < 4
     assert found.scene.effects["ambient"] == truth.effects["ambient"]

@@ -78,11 +78,11 @@ def exposed(scene, poses, rng, rolls=0.0, aims=STRAIGHT):
     return ForwardModel(scene).expose(poses, rng, rolls)
 
 
-def recorded(scene, count, seed):
+def recorded(scene, count, seed, aims=STRAIGHT):
     """Return images, poses and rolls of a drive through a sea."""
     rng = np.random.default_rng(seed)
     poses, rolls = drive(rng, count)
-    return exposed(scene, poses, rng, rolls), poses, rolls
+    return exposed(scene, poses, rng, rolls, aims), poses, rolls
 
 
 def truth_of(scene, aims=STRAIGHT):

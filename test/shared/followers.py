@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from tracks import correlated
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
@@ -18,18 +19,8 @@ TICK_S = 0.05
 GRID = np.array([0.33, 0.1, 0.1, np.radians(3.3), np.radians(3.3)])
 
 
-def covariance(correlation):
-    """Return what an estimator by SAM would publish on the follow scene."""
-    std = np.array([0.35, 0.25, 0.25, np.radians(7), np.radians(7)])
-    alike = np.eye(5)
-    alike[1, 4] = alike[4, 1] = -correlation
-    alike[2, 3] = alike[3, 2] = correlation
-    return alike * np.outer(std, std)
-
-
-PUBLISHED = covariance(0.97)
-
-
+# What an estimator by SAM would publish on the scene `follow`.
+PUBLISHED = correlated([0.35, 0.25, 0.25, *np.radians([7, 7])])
 STILL = np.zeros(5)
 
 
@@ -58,11 +49,7 @@ def exact(pose):
 def sam_noise(seed):
     """Return the errors of a match on the follow scene: y against yaw, z with pitch, on a grid."""
     rng = np.random.default_rng(seed)
-    std = np.array([0.30, 0.21, 0.21, np.radians(5.4), np.radians(5.4)])
-    correlation = np.eye(5)
-    correlation[1, 4] = correlation[4, 1] = -0.97
-    correlation[2, 3] = correlation[3, 2] = 0.97
-    spread = np.linalg.cholesky(correlation * np.outer(std, std))
+    spread = np.linalg.cholesky(correlated([0.30, 0.21, 0.21, *np.radians([5.4, 5.4])]))
 
     def measure(pose):
         noisy = pose + spread @ rng.standard_normal(5)

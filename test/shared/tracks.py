@@ -16,11 +16,17 @@ TENTH_NS = 100_000_000
 STATION = np.array([-6.0, 0.2, -0.1, 0.05, -0.02])
 STD = np.array([0.3, 0.2, 0.2, 0.1, 0.1])
 NOISE = np.diag(STD**2)
-# Errors of y and yaw, of z and pitch, that are all but proportional.
-ALIKE = np.eye(5)
-ALIKE[1, 4] = ALIKE[4, 1] = -0.97
-ALIKE[2, 3] = ALIKE[3, 2] = 0.97
-CORRELATED = ALIKE * np.outer(STD, STD)
+
+
+def correlated(std):
+    """Return a covariance in which errors of y and yaw, of z and pitch are nearly proportional."""
+    alike = np.eye(5)
+    alike[1, 4] = alike[4, 1] = -0.97
+    alike[2, 3] = alike[3, 2] = 0.97
+    return alike * np.outer(std, std)
+
+
+CORRELATED = correlated(STD)
 OPEN = TrackerSettings(gate_probability=1.0, common_share=0.0)
 GATE = math.sqrt(chi2.ppf(TrackerSettings().gate_probability, 5))
 

@@ -98,17 +98,21 @@ def motion_by_textbook(stamps, readings, biases, skipped=()):
     return mean, covariance
 
 
+def motion_and_slopes(stamps, readings, biases, skipped=()):
+    """Return pose and rate with the biases known, their covariance, and slopes by the biases."""
+    mean, covariance = motion_by_textbook(stamps, readings, biases, skipped)
+    others = [
+        motion_by_textbook(stamps, readings, biases + more, skipped)[0]
+        for more in np.eye(len(biases))
+    ]
+    return mean, covariance, (np.array(others) - mean).T
+
+
 def state_by_both(stamps, readings, detectors, skipped=()):
     """Return pose, rate and biases with their covariance: the pose given them, and their spread."""
     learnt_of = [each for k, each in enumerate(readings) if k not in skipped]
     biases, spread = biases_by_regression(learnt_of, detectors)
-    mean, covariance = motion_by_textbook(stamps, readings, biases, skipped)
-    slopes = np.array(
-        [
-            motion_by_textbook(stamps, readings, biases + more, skipped)[0] - mean
-            for more in np.eye(len(biases))
-        ]
-    ).T
+    mean, covariance, slopes = motion_and_slopes(stamps, readings, biases, skipped)
     covariance = covariance + slopes @ spread @ slopes.T
     return np.concatenate([mean, biases]), covariance, spread
 
@@ -189,19 +193,13 @@ def test_the_distance_is_that_of_the_pose_that_the_readings_show():
     tracker = Tracker(STEADY, constants=constants(9))
     fed(tracker, stamps[:-1], readings[:-1])
     track = tracker.update(stamps[-1], readings[-1].at[:5], 1e4 * NOISE, readings[-1])
-    state, covariance, spread = state_by_both(stamps[:-1], readings[:-1], 9)
+    biases, spread = biases_by_regression(readings[:-1], 9)
+    mean, given, slopes = motion_and_slopes(stamps[:-1], readings[:-1], biases)
     transition, noise = motion((stamps[-1] - stamps[-2]) * 1e-9, STEADY)
-    slopes = np.array(
-        [
-            motion_by_textbook(stamps[:-1], readings[:-1], state[10:] + more)[0] - state[:10]
-            for more in np.eye(11)
-        ]
-    ).T
-    given = covariance - slopes @ spread @ slopes.T
     by_pose, by_biases, read, errors = by_state(readings[-1])
     # By least squares, with the biases as they were expected.
     pose = np.linalg.lstsq(
-        whitened(errors, by_pose), whitened(errors, read - by_biases @ state[10:]), rcond=None
+        whitened(errors, by_pose), whitened(errors, read - by_biases @ biases), rcond=None
     )[0]
     weight = np.linalg.inv(errors)
     information = by_pose.T @ weight @ by_pose
@@ -209,7 +207,7 @@ def test_the_distance_is_that_of_the_pose_that_the_readings_show():
     by -= (transition @ slopes)[:5]
     apart = by @ spread @ by.T + np.linalg.inv(information)
     apart += (transition @ given @ transition.T + noise)[:5, :5]
-    off = pose - (transition @ state[:10])[:5]
+    off = pose - (transition @ mean)[:5]
     assert track.distance**2 == pytest.approx(off @ np.linalg.solve(apart, off), rel=1e-3)
 
 

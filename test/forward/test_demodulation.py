@@ -1,5 +1,6 @@
 """A modulated lamp, beside synchronous detection sample by sample."""
 
+import designs
 import numpy as np
 import pytest
 from calibrated_seas import largest_pull, recorded
@@ -7,7 +8,7 @@ from scenes import changed
 
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 RATE_HZ, CARRIER_HZ, SAMPLES = 32e3, 1e3, 3200  # 100 ms
 TIMES = np.arange(SAMPLES) / RATE_HZ
@@ -21,8 +22,7 @@ WAYS = {
 
 
 def scene_with(waveform="square", ambient=300.0, **changes):
-    plain = load_scene("ideal").settings()
-    plain["effects"] = {
+    effects = {
         "ambient": {"level_counts": ambient},
         "sensor_noise": {"sigma_counts": 2.0},
         "shot_noise": {"electrons_per_count": 50.0},
@@ -30,7 +30,7 @@ def scene_with(waveform="square", ambient=300.0, **changes):
         "demodulation": {"waveform": waveform, "pedestal_counts": 30.0},
         **changes,
     }
-    return scene_from_settings(plain, "demodulated")
+    return designs.scene_with(effects, "ideal")
 
 
 @pytest.mark.parametrize("waveform", WAYS)

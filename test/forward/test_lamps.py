@@ -8,13 +8,14 @@ import second_forward
 from differences import differentiate
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import changed
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.geometry import covariance_6x6, rolled
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ROLL, PriorSettings
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 SCENE = load_scene("leading_lights")
 MODEL = ForwardModel(SCENE)
@@ -26,11 +27,8 @@ poses = st.tuples(
 rolls = st.floats(-0.5, 0.5)
 
 
-def with_lamps(*lamps, scene="leading_lights", **effects):
-    plain = load_scene(scene).settings()
-    plain["effects"] |= effects
-    plain["effects"] = {key: value for key, value in plain["effects"].items() if value is not None}
-    return scene_from_settings({**plain, "lamps": list(lamps)}, "lamps")
+def with_lamps(*lamps, **effects):
+    return changed(SCENE, effects=effects, lamps=list(lamps))
 
 
 def seen_from(lamp, pose, roll):

@@ -1,6 +1,5 @@
 """The light of seas that differ from the scene: closed forms, and the second forward model."""
 
-import copy
 import math
 import re
 
@@ -21,17 +20,14 @@ POSES = uniform_poses(4, np.random.default_rng(3))
 BY_NAME = {kind.name: kind for kind in KINDS}
 
 
-def settings_of(name="reference", **effects):
-    settings = load_scene(name).settings()
-    settings["effects"] |= copy.deepcopy(effects)
-    return settings
+def settings_of(name="reference", array=None, **effects):
+    return changed_scene(name, array=array or {}, effects=effects).settings()
 
 
 # Daylight tells apart what belongs to the lamp and what does not.
 SEA = {"ambient": {"level_counts": 20.0}, "forward_scatter": {"window_m": 0.3}}
 SUNLIT = settings_of(**SEA)
-CLEAR = settings_of()
-del CLEAR["effects"]["attenuation"]
+CLEAR = settings_of(attenuation=None)
 
 
 def model_of(settings):
@@ -61,9 +57,7 @@ def without(effect, settings=SUNLIT):
 
 
 def resized(**sizes):
-    settings = settings_of(**SEA)
-    settings["array"] |= sizes
-    return settings
+    return settings_of(array=sizes, **SEA)
 
 
 def turned_to_starboard(deg):
@@ -118,9 +112,10 @@ def test_light_is_that_of_the_second_model(name):
 
 
 def test_twice_the_scattering_is_that_of_such_a_sea():
-    one, twice = copy.deepcopy(CLEAR), copy.deepcopy(CLEAR)
-    for settings, scattering in ((one, 0.2), (twice, 0.4)):
-        settings["effects"]["sea"] = {"absorption_per_m": 0.1, "scattering_per_m": scattering}
+    one, twice = (
+        settings_of(attenuation=None, sea={"absorption_per_m": 0.1, "scattering_per_m": scattering})
+        for scattering in (0.2, 0.4)
+    )
     found = light_of("scattering_x2", one)
     np.testing.assert_allclose(found, by_second(twice, power_of=one), rtol=1e-9)
     with pytest.raises(ValueError, match="scattering_x2 needs the effect sea"):

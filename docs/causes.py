@@ -15,8 +15,8 @@ CAUSES = {
     "not of this array": "A key parameter is impossible for the scene's array.",
     "another image": "The key parameters are not those of the image with their stamp.",
     "frozen": "One of the last 32 frames comes again, down to its noise.",
-    "no match": ("No signature is within `max_angle_rad`: beyond the table, or another sea."),
-    "no fit": ("Another lamp or sea, daylight, or dirty, dead or mirrored detectors."),
+    "no match": "No signature is within `max_angle_rad`: beyond the table, or another sea.",
+    "no fit": "Another lamp or sea, daylight, or dirty, dead or mirrored detectors.",
     "outlier": "Too far from the track: a reflection, or a manoeuvre too fast for it.",
     "too uncertain": "The range is too uncertain to steer by: `mismatch`, or dark images.",
     "late frame": (

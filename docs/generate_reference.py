@@ -425,7 +425,7 @@ def commands() -> list[str]:
             meant, of_all = common.get(name, ("", ""))
             if meant == meaning:
                 of_this = f" ({default})" * (default != of_all)
-                shared.append(f"`{name.split()[0]}`{of_this}")
+                shared.append(f"`{name.split()[0].rstrip(',')}`{of_this}")
             else:
                 own[name] = meaning, default
         name = parser.prog.split()[-1]

@@ -1,6 +1,7 @@
 """``uuv_array study tradeoff``: the front, what is measured, and whole runs."""
 
 import csv
+import dataclasses
 import functools
 import math
 import re

@@ -46,6 +46,9 @@ MOST_COMMON = 0.9
 # Place of the second linearisation, as a share of the correction: there the biases by noise and by
 # curvature are least in drives of 20 minutes through seas drawn from the prior.
 RELINEARISE_AT = 0.25
+# A keyframe is linearised where it was found, if that is farther from where it was expected, in
+# standard deviations of the pose of one frame.
+MOST_SURPRISING = 2.0
 
 
 class Belief(NamedTuple):
@@ -166,7 +169,8 @@ class Correction:
                 used = observation_of(self._readings_at(frame, coordinates.place(at)[0]))
             after = correct(before, used)
             if keyframes.want(frame, belief.motion.mean[POSE]):
-                keyframe = self._keyframe(frame, belief, before)
+                steady = after if keyframes.frames else before  # a first one is expected anywhere
+                keyframe = self._keyframe(frame, biases, before, steady)
                 keyframes, found = self.fit.fitted(keyframes, keyframe)
                 learnt = self._space.replaced(biases, found)
             mean = after.mean + after.slopes @ (learnt.mean - biases.mean)
@@ -193,16 +197,24 @@ class Correction:
         by_biases[:, :learnt] = basis.T @ by_learnt
         return Observation(basis.T @ residuals, by_pose, by_biases)
 
-    def _keyframe(self, frame: Measurement, belief: Belief, straight: Motion) -> Keyframe:
-        """Return a frame as a keyframe, with the motion before it in straight coordinates, too."""
-        of, expected = slice(self._space.learnt), belief.motion.mean[POSE]
-        place, slopes = straight.mean[POSE], straight.slopes[POSE, of]
+    def _keyframe(
+        self, frame: Measurement, biases: Biases, before: Motion, after: Motion
+    ) -> Keyframe:
+        """Return a frame as a keyframe, by the motion in straight coordinates before and after."""
+        of, constants = slice(self._space.learnt), self._space.offsets(biases.mean)
+        expected, found = (
+            self._coordinates.place(np.concatenate([motion.mean[POSE], constants]))[0][:5]
+            for motion in (before, after)
+        )
+        surprise, _ = lapack.dtrtrs(frame.root, wrapped(found - expected), lower=1)
+        far = surprise @ surprise > MOST_SURPRISING**2
+        pose, motion = (found, after) if far else (expected, before)
 
         def readings_at(at: Array) -> LinearisedReadings:
             return self._readings_at(frame, at)
 
-        biases = belief.biases.mean[of]
-        return Keyframe(frame.stamp_ns, expected, place, slopes, biases, readings_at)
+        place, slopes = motion.mean[POSE], motion.slopes[POSE, of]
+        return Keyframe(frame.stamp_ns, pose, place, slopes, biases.mean[of], readings_at)
 
     def _readings_at(self, frame: Measurement, at: Array) -> LinearisedReadings:
         """Return readings linearised at pose and constants, or where that is not finite, as is."""

@@ -4,9 +4,10 @@ A filter that learns constants keeps each frame linearised at the constants of i
 error stays. So frames from new places become keyframes, which keep their images. They are
 linearised anew as the biases become known better, each where the track expected it before its image
 came, moved with the biases: at a place that its own noise chose, slopes and noise would be
-correlated, which biases what is learnt, the same in each frame. Their poses are free; what these
-leave fits the biases by Gauss and Newton. Far from the likely biases linear images misjudge the
-likelihood, so steps are halved until the next is shorter in standard deviations.
+correlated, which biases what is learnt, the same in each frame. In a manoeuvre it was expected too
+far off to be linear from there, and is linearised where it was found. Their poses are free; what
+these leave fits the biases by Gauss and Newton. Far from the likely biases linear images misjudge
+the likelihood, so steps are halved until the next is shorter in standard deviations.
 
 A place is new where it is farther from the last one than one image tells places apart. Frames of
 the same place share the error of the place at which they are linearised, and would teach the biases
@@ -45,7 +46,7 @@ class Keyframe(NamedTuple):
     """A frame of a track.
 
     - stamp_ns: of its image, ns.
-    - pose: where the track expected it before its image came, m and rad, shape ``(5,)``.
+    - pose: where it is linearised, m and rad, shape ``(5,)``.
     - place, slopes: `pose` in straight coordinates, its slopes by the biases, ``(5,)``, ``(5, k)``.
     - biases: as they were expected then, shape ``(k,)``.
     - readings_at: returns its readings linearised at pose and constants, shape ``(5 + q,)``.

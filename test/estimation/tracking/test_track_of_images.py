@@ -5,6 +5,7 @@ import pytest
 from scenes import changed, coarse, squared_error, with_prior
 from scipy.stats import chi2, norm
 
+from uuv_optical_array.core.geometry import YAW
 from uuv_optical_array.core.messages import MAX_TWIST
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
@@ -182,3 +183,36 @@ def long_drive(estimator, seed):
 def test_what_is_learnt_for_long_is_not_pulled_to_one_side(estimator):
     # In one sea all errors are as one: the mean of two chi squares of five degrees of freedom.
     assert np.mean([long_drive(estimator, seed) for seed in (11, 12)]) < 5 + 3 * np.sqrt(10 / 2)
+
+
+@pytest.mark.parametrize("seed", [3, 5])
+def test_a_yaw_that_reverses_at_once_teaches_no_wrong_constants(estimator, seed):
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(seed)
+    stds = estimator.scene.nuisance_std()
+    sea = {name: np.array(std * rng.standard_normal()) for name, std in stds.items()}
+    gains = 1 + estimator.scene.prior.gain_std * rng.standard_normal((5, 5))
+    pipeline, pose = Pipeline(estimator), np.array([-5.0, 0.05, -0.05, 0.0, 0.0])
+    for k in range(150):
+        pose[YAW] = np.radians(30) * 1.5 * (abs(k / 15 % 2 - 1) - 0.5)
+        image = model.read(model.with_gains(model.light(pose, 0.0, sea), gains), rng)
+        track = pipeline.answer((k + 10) * 100_000_000, image).track
+        assert not track.mismatch
+        assert squared_error(track, pose) < 46
+    for name, offset in sea.items():
+        mean, std = track.constants[name]
+        assert mean == pytest.approx(offset, abs=5 * std)
+
+
+@pytest.mark.parametrize("seed", [8, 11])
+def test_a_track_that_comes_from_afar_is_not_misled_by_bent_images(estimator, seed):
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(seed)
+    stds = estimator.scene.nuisance_std()
+    sea = {name: np.array(std * rng.standard_normal()) for name, std in stds.items()}
+    phases, pipeline = rng.uniform(0, 2 * np.pi, 4), Pipeline(estimator)
+    for k in range(300):
+        sway = np.array([0.3, 0.3, 0.1, 0.1]) * np.sin(0.06 * k + phases)
+        pose = np.array([-12 + k / 75, *sway])
+        image = model.read(model.light(pose, 0.0, sea), rng)
+        track = pipeline.answer((k + 10) * 100_000_000, image).track
+        assert not (track and track.mismatch)
+        assert track is None or squared_error(track, pose) < 46

@@ -363,6 +363,7 @@ def detect(optics: Optics, nuisances: Any, image: Any) -> None:
     """Apply the steps on the array to an image of `project`, with or without slopes, in place."""
     rows, n = len(image), image.shape[-1]
     first, differentiate = rows - optics.nuisances, rows > 1
+    passed = workspace(1, image[0], n)
     for i in range(len(optics.step_kinds)):
         kind, values, scale = optics.step_kinds[i], optics.step_values[i], optics.step_scales[i]
         place = optics.step_at[i]
@@ -391,9 +392,10 @@ def detect(optics: Optics, nuisances: Any, image: Any) -> None:
         elif kind == SHADE:
             depth = nuisances[place]
             for j in indices(n):
-                passed = exp(depth * values[j])
-                for row in range(rows):
-                    image[row, j] *= passed
+                passed[0, j] = exp(depth * values[j])
+            for row in range(rows):
+                for j in indices(n):
+                    image[row, j] *= passed[0, j]
             if differentiate:
                 for j in indices(n):
                     image[first + place, j] += values[j] * image[0, j]

@@ -24,7 +24,7 @@ from typing import Any
 from uuv_optical_array.core.extras import install_line
 from uuv_optical_array.core.storage import files
 
-OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp"}}
 SOURCES = ("core", "forward", "estimation")  # the folders whose functions may be compiled
 KEPT = 8  # caches of other versions of the package that are left on disk
 
@@ -118,7 +118,7 @@ def _prepared(function: Any, inner: bool) -> tuple[Any, FunctionType, dict[str, 
     twin.__qualname__, twin.__module__ = function.__qualname__, function.__module__
     options = OPTIONS | linking | ({"forceinline": True} if hasattr(function, "inline") else {})
     if hasattr(function, "reorder"):
-        options["fastmath"] = {"contract", "reassoc"}
+        options["fastmath"] = options["fastmath"] | {"reassoc"}
     return numba, twin, options
 
 

@@ -9,8 +9,9 @@ def cholesky(matrix: Any) -> bool:
 
     Where the matrix is not positive definite the result is false, and the triangle half done.
     """
-    for i in range(len(matrix)):
-        for j in range(i + 1):
+    for j in range(len(matrix)):
+        # Row by row each number would wait for the one before it.
+        for i in range(j, len(matrix)):
             rest = matrix[i, j]
             for k in range(j):
                 rest -= matrix[i, k] * matrix[j, k]
@@ -35,7 +36,6 @@ def solve_lower(factor: Any, vector: Any) -> None:
 def solve_upper(factor: Any, vector: Any) -> None:
     """Replace b by the x of ``L' x = b``, as `solve_lower`."""
     for i in range(len(vector) - 1, -1, -1):
-        rest = vector[i]
-        for k in range(i + 1, len(vector)):
-            rest -= factor[k, i] * vector[k]
-        vector[i] = rest / factor[i, i]
+        vector[i] /= factor[i, i]
+        for k in range(i):
+            vector[k] -= factor[i, k] * vector[i]

@@ -206,10 +206,12 @@ def evaluate(problem: Problem, at: Array) -> State:
                 parts[INFORMATION + q, s] += slope * pose_slopes[i, s]
     cost += nuisance_cost(problem, at)
     for i in range(5, size):
+        pull = 0.0
         for j in range(5, size):
             precision = problem.nuisance_precision[i - 5, j - 5]
-            parts[GRADIENT, i] -= precision * (at[j] - problem.nuisance_mean[j - 5])
+            pull += precision * (at[j] - problem.nuisance_mean[j - 5])
             parts[INFORMATION + i, j] += precision
+        parts[GRADIENT, i] -= pull
     return State(cost, log_volume, parts)
 
 
@@ -222,6 +224,9 @@ def nuisance_cost(problem: Problem, at: Array) -> float:
             other = at[5 + j] - problem.nuisance_mean[j]
             cost += 0.5 * off * problem.nuisance_precision[i, j] * other
     return cost
+
+
+nuisance_cost.reorder = True  # type: ignore[attr-defined]
 
 
 def write_volume_slopes(frame: CoordinateFrame, lamp: Any, lamp_slopes: Any, parts: Any) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from command_line import python
 from needs import numba
-from scipy.special import erfcx, log_ndtr
+from scipy.special import erfcx, log_ndtr, ndtr
 
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import workspace, zeros
@@ -70,6 +70,7 @@ NAN, INF = np.nan, np.inf
         # What 2000 pi itself is known to, and some digits more.
         ("sine", np.sin, [spaced(-1, 1) + 2000 * np.pi], 1e-7, 1e-11, {}),
         ("scaled_complementary_error", erfcx, SCALED, 1e-12, 0, {}),
+        ("normal_distribution", ndtr, NORMAL, 1e-12, 1e-300, {-1e100: 0.0, 1e100: 1.0}),
         ("log_normal_distribution", log_ndtr, NORMAL, 1e-12, 1e-300, {-1e100: -5e199}),
     ],
 )

@@ -122,6 +122,12 @@ def scaled_complementary_error(x):
 
 
 @njit(error_model="numpy")
+def normal_distribution(u):
+    """Return the normal distribution function."""
+    return 0.5 * math.erfc(u * -math.sqrt(0.5))
+
+
+@njit(error_model="numpy")
 def log_normal_distribution(u):
     """Return the logarithm of the normal distribution function."""
     if u > -1.0:
@@ -211,5 +217,6 @@ REPLACED: dict[Any, Any] = {
     np.sin: sine,
     np.cos: cosine,
     special.erfcx: scaled_complementary_error,
+    special.ndtr: normal_distribution,
     special.log_ndtr: log_normal_distribution,
 }

@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 from numpy import exp, maximum, minimum, sqrt
-from scipy.special import log_ndtr
+from scipy.special import ndtr
 
 from uuv_optical_array.core.numerics.elementwise import choose, law
 from uuv_optical_array.forward.optics import ReadingNoise
@@ -23,7 +23,7 @@ def cut_moments(inside: Any) -> tuple[Any, Any]:
     """Return mean square and mean fourth power of a normal that is cut off at a limit."""
     a = minimum(abs(inside), 35.0)
     square_a, density = a * a, DENSITY * exp(-0.5 * a * a)
-    beyond = exp(log_ndtr(-a))
+    beyond = ndtr(-a)
     within_square = 1 - beyond - a * density + square_a * beyond
     within_fourth = 3 * (1 - beyond) - a * (square_a + 3) * density + square_a * square_a * beyond
     beyond_square = (1 + square_a) * beyond - a * density
@@ -36,10 +36,8 @@ def cut_moments(inside: Any) -> tuple[Any, Any]:
 @law
 def residual_moments(light: Any, std: Any, noise: ReadingNoise) -> tuple[Any, Any]:
     """Return mean and variance of ``(residual / std)^2`` at the expected light, both in counts."""
-    low_square, low_fourth = cut_moments((light - noise.low) / std)
-    high_square, high_fourth = cut_moments((noise.high - light) / std)
     # The farther limit cuts off next to nothing.
-    square, fourth = minimum(low_square, high_square), minimum(low_fourth, high_fourth)
+    square, fourth = cut_moments(minimum(light - noise.low, noise.high - light) / std)
     return square, maximum(fourth - square * square, 0.0)
 
 

@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr
 from scipy.stats import chi2
 
+from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     GRADIENT,
@@ -24,9 +25,11 @@ from uuv_optical_array.estimation.least_squares.problem import (
     problem_of,
     propose,
     refine,
+    start_at,
 )
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose, to_lamp
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 
 pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.usefixtures("strict_but_for_zeros")]
 # A failing place tells as much as a simpler one, which takes minutes to find.
@@ -294,3 +297,20 @@ def test_where_there_is_no_step_it_is_said():
     there, decrement = propose(fit.problem, state, 0.0)
     assert np.isnan(decrement)
     np.testing.assert_array_equal(there, state.parts[AT])
+
+
+def test_what_only_one_lamp_has_is_told_by_the_readings_of_that_lamp_alone():
+    model, rng = ForwardModel(load_scene("leading_lights")), np.random.default_rng(8)
+    readings = model.expose(np.array([-5.0, 0.3, -0.2, 0.1, -0.15]), rng).ravel()
+    for kind in frame_kinds(model, MIDDLE, WIDE):
+        problem = kind.problem._replace(readings=readings)
+        at = start_at(problem, np.array([-5.2, 0.2, -0.1, 0.05, -0.1]))
+        at[5:] += 0.01 * rng.standard_normal(len(at) - 5)
+        everywhere = np.tile((0, len(readings)), (len(at), 1))
+        assert (problem.spans != everywhere).any(axis=1).sum() == sum(
+            name.startswith("lamps.") for name in kind.names
+        )
+        told, whole = (evaluate(p, at).parts for p in (problem, problem._replace(spans=everywhere)))
+        np.testing.assert_allclose(told[GRADIENT], whole[GRADIENT], rtol=1e-9)
+        told, whole = told[INFORMATION:], whole[INFORMATION:]
+        np.testing.assert_allclose(told, whole, rtol=1e-9, atol=1e-9 * np.abs(whole).max())

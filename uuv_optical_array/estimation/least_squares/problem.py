@@ -32,6 +32,7 @@ from uuv_optical_array.forward.optics import (
     reading_variance,
     write_light,
 )
+from uuv_optical_array.forward.prior import of_lamp
 
 MAX_STEP = 0.3  # in every coordinate: farther, the linear model is no guide
 STEEPEST = np.pi / 3  # pitch of a vehicle, rad
@@ -58,6 +59,7 @@ class Problem(NamedTuple):
     - pose_mean, pose_std: of the prior of the pose, m and rad, shape ``(5,)`` each.
     - nuisance_mean, nuisance_precision: of the prior of the nuisances, ``(q,)`` and ``(q, q)``.
     - reach: longest step of a fit by coordinate, shape ``(p,)``.
+    - spans: where the readings that each unknown changes begin and end, shape ``(p, 2)``.
     - readings: counts, finite, shape ``(n,)``.
     - weights: 1 for each reading that counts, 0 for one that is left out, shape ``(n,)``.
     - roll: of the follower, rad.
@@ -71,6 +73,7 @@ class Problem(NamedTuple):
     nuisance_mean: Array
     nuisance_precision: Array
     reach: Array
+    spans: Any
     readings: Array
     weights: Array
     roll: float
@@ -106,6 +109,12 @@ def problem_of(
     - given: backgrounds to be given levels, as `ForwardModel.optics` has them.
     """
     nuisance_std = np.array(list(stds.values()), dtype=float)
+    count, lamps = math.prod(model.image_shape), model.scene.lamp_count
+    spans = np.tile((0, count), (5 + len(stds), 1))
+    for q, name in enumerate(stds):
+        for i in range(lamps):
+            if name.startswith(of_lamp(i, "")):
+                spans[5 + q] = i * count // lamps, (i + 1) * count // lamps
     return Problem(
         model.optics(tuple(stds), given),
         model.noise,
@@ -115,8 +124,9 @@ def problem_of(
         np.zeros(len(nuisance_std)),
         np.diag(1 / np.square(nuisance_std)),
         np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std]),
-        np.zeros(math.prod(model.image_shape)),
-        np.ones(math.prod(model.image_shape)),
+        spans,
+        np.zeros(count),
+        np.ones(count),
         0.0,
     )
 
@@ -145,20 +155,22 @@ def start_at(problem: Problem, pose: Array) -> Array:
     return start
 
 
-def normal_equations(image: Any, likelihood: Any, parts: Any) -> None:
+def normal_equations(image: Any, likelihood: Any, spans: Any, parts: Any) -> None:
     """Write what readings say to gradient and information."""
     size, n = parts.shape[1], image.shape[1]
     weighted = workspace(1, likelihood[0, 0], n)
     for q in range(size):
-        pull = 0.0
-        for j in indices(n):
-            pull += total(likelihood[1, j] * image[1 + q, j])
-            weighted[0, j] = likelihood[2, j] * image[1 + q, j]
+        start, stop = spans[q, 0], spans[q, 1]
+        pull, own, line = 0.0, image[1 + q, start:stop], weighted[0, start:stop]
+        score, curvature = likelihood[1, start:stop], likelihood[2, start:stop]
+        for j in indices(stop - start):
+            pull += total(score[j] * own[j])
+            line[j] = curvature[j] * own[j]
         parts[GRADIENT, q] = pull
         for s in range(q + 1):
-            known = 0.0
-            for j in indices(n):
-                known += total(weighted[0, j] * image[1 + s, j])
+            known, other = 0.0, image[1 + s, start:stop]
+            for j in indices(stop - start):
+                known += total(line[j] * other[j])
             parts[INFORMATION + q, s] = known
             parts[INFORMATION + s, q] = known
 
@@ -187,7 +199,7 @@ def evaluate(problem: Problem, at: Array) -> State:
     possible = abs(pose[PITCH]) < STEEPEST and x > -0.5 * sqrt(x * x + y * y + z * z)
     cost = -likelihood[0].sum() if possible else np.inf
     parts = np.empty((INFORMATION + size, size))
-    normal_equations(image, likelihood, parts)
+    normal_equations(image, likelihood, problem.spans, parts)
     write_volume_slopes(frame, lamp, lamp_slopes, parts)
     for i in range(size):
         parts[AT, i] = at[i]

@@ -18,7 +18,6 @@ from uuv_optical_array.estimation.least_squares.posterior import (
     write_node,
 )
 from uuv_optical_array.estimation.least_squares.problem import (
-    AT,
     INFORMATION,
     MOST_STEPS,
     evaluate,
@@ -47,9 +46,9 @@ def test_all_but_the_attitude_is_where_the_posterior_of_the_pose_is_largest(shap
     problem = problem_of(model, *PRIOR)._replace(readings=readings)
     start = np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0])
     lattice = new_lattice(7)
-    write_node(problem, start, lattice, 0)
+    write_node(problem, evaluate(problem, start), lattice, 0)
     for _ in range(3):  # one step leaves what is second order
-        write_node(problem, lattice.ats[0].copy(), lattice, 0)
+        write_node(problem, evaluate(problem, lattice.ats[0]), lattice, 0)
     rest = [i for i in range(7) if i not in (PITCH, YAW)]
     information = evaluate(problem, start).parts[INFORMATION:][np.ix_(rest, rest)]
     spread = np.linalg.cholesky(np.linalg.inv(information))
@@ -86,7 +85,7 @@ def test_nine_nodes_or_the_lattice_have_the_moments_of_a_finer_one(scene, pose):
     readings = np.rint(model.converted(model.light(pose))).ravel()
     problem = problem_of(model, *PRIOR)._replace(readings=readings)
     start = np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0])
-    minimum = refine(problem, start, MOST_STEPS).parts[AT]
+    minimum = refine(problem, start, MOST_STEPS)
     result, lattice = integrate(problem, minimum, new_lattice(7)), new_lattice(7)
     write_node(problem, minimum, lattice, 0)
     basis, log_cell = basis_of(lattice.curvatures[0], False)
@@ -111,7 +110,7 @@ def test_laplace_has_the_evidence_of_the_integral_where_it_is_nearly_gaussian():
     readings = np.rint(model.light(pose)).ravel()
     problem = problem_of(model, *PRIOR)._replace(readings=readings)
     minimum = refine(problem, np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0]), 40)
-    whole, plain = integrate(problem, minimum.parts[AT], new_lattice(7)), laplace(minimum)
+    whole, plain = integrate(problem, minimum, new_lattice(7)), laplace(minimum)
     assert plain.log_weight == pytest.approx(whole.log_weight, abs=0.1)
     stds = np.sqrt(whole.covariance.diagonal())
     np.testing.assert_allclose(plain.mean, whole.mean, atol=0.3 * stds.min())

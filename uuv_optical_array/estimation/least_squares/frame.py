@@ -231,10 +231,10 @@ def find_minima(
 def posterior_about(problem: Problem, minima: list[State]) -> PosteriorMoments:
     """Return the moments of the posterior that is connected with the best minimum that has any."""
     lattice = new_lattice(minima[0].parts.shape[1])
-    moments = integrate(problem, minima[0].parts[AT], lattice)
+    moments = integrate(problem, minima[0], lattice)
     for i in range(1, len(minima)):
         if not np.isfinite(moments.log_weight):
-            moments = integrate(problem, minima[i].parts[AT], lattice)
+            moments = integrate(problem, minima[i], lattice)
     return moments
 
 

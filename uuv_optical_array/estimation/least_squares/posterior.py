@@ -97,9 +97,8 @@ def write_start(lattice: Lattice, node: int, pitch: float, yaw: float, start: Ar
         start[i] = lattice.ats[node, i] + (pitch * moved[0, i] + yaw * moved[1, i])
 
 
-def write_node(problem: Problem, start: Array, lattice: Lattice, node: int) -> None:
-    """Integrate all else at the attitude of a place near the conditional mean."""
-    state = evaluate(problem, start)
+def write_node(problem: Problem, state: State, lattice: Lattice, node: int) -> None:
+    """Integrate all else at the attitude of a state near the conditional mean."""
     decrement = integrate_rest(problem, state, lattice, node)
     damping = 0.0
     for _ in range(CORRECTIONS):
@@ -281,7 +280,7 @@ def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMom
             if count == most:
                 overflow = True
                 continue
-            write_node(problem, start, lattice, count)
+            write_node(problem, evaluate(problem, start), lattice, count)
             has_next = True
         if not has_next:
             break
@@ -349,7 +348,7 @@ def by_nine_nodes(
             v = step * (i * basis[1, 0] + j * basis[1, 1])
             write_start(lattice, MINIMUM, u, v, start)
             node += 1
-            write_node(problem, start, lattice, node)
+            write_node(problem, evaluate(problem, start), lattice, node)
             over = lattice.logs[node] - lattice.logs[0] + 1.5 * (i * i + j * j)
             if not abs(over) < NEARLY:
                 for k in range(1, node + 1):
@@ -393,7 +392,7 @@ def laplace(state: State) -> PosteriorMoments:
     return PosteriorMoments(log_weight, parts[POSE, :5].copy(), covariance, 0)
 
 
-def integrate(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMoments:
+def integrate(problem: Problem, minimum: State, lattice: Lattice) -> PosteriorMoments:
     """Integrate the posterior that is connected with a minimum of the cost, over a lattice.
 
     The weight is -inf where the image leaves no finite posterior.

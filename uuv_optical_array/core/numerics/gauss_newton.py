@@ -1,6 +1,7 @@
 """Damped Gauss-Newton minimisation (Levenberg and Marquardt), for one problem or many at once."""
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,36 @@ from uuv_optical_array.core.numerics.elementwise import any_of, choose, choose_t
 DAMPING = 1e-3  # at the start
 FREE = 1e-1  # a step damped more is short wherever it is taken, so it proves nothing
 GIVE_UP = 1e4  # damping beyond which no step gains
+
+
+@cache
+def stepper(
+    evaluate: Callable[..., Any], propose: Callable[..., Any], arrived: float
+) -> Callable[..., tuple[Any, Any]]:
+    """Return a function that takes one step of a `minimiser`, whose arguments these are.
+
+    - returned: ``step(problem, state, damping)``: what `evaluate` found at the better of both
+      places, and the next damping; 0: the step was the last.
+    """
+
+    def step(problem: Any, state: Any, damping: Any) -> tuple[Any, Any]:
+        active = damping > 0
+        trial, decrement = propose(problem, state, damping)
+        last = (decrement < arrived) & (damping < FREE)
+        new = evaluate(problem, trial)
+        better = active & (new[0] < state[0]) & (new[0] > -np.inf)
+        # Where the slope jumps, as where a detector turns away, a fit gains nothing either way.
+        short = better & (new[0] > state[0] - arrived)
+        state = choose_tuple(better, new, state)
+        go_on = choose(last | short | (damping > GIVE_UP), False, active)
+        return state, choose(go_on, damping * choose(better, 0.1, 10.0), 0.0)
+
+    return step
+
+
+def first_damping(state: Any) -> Any:
+    """Return the damping of the first step from a state; 0: none leads anywhere."""
+    return choose(abs(state[0]) < np.inf, DAMPING, 0.0)
 
 
 def minimiser(
@@ -26,23 +57,15 @@ def minimiser(
     - returned: ``minimise(problem, start, steps=most)``: what `evaluate` found at the best place,
       the start itself where its cost is not finite. Such a place is never taken.
     """
+    step = stepper(evaluate, propose, arrived)
 
     def minimise(problem: Any, start: Any, steps: int = most) -> Any:
         state = evaluate(problem, start)
-        damping = choose(abs(state[0]) < np.inf, DAMPING, 0.0)
+        damping = first_damping(state)
         for _ in range(steps):
-            active = damping > 0
-            if not any_of(active):
+            if not any_of(damping > 0):
                 break
-            trial, decrement = propose(problem, state, damping)
-            last = (decrement < arrived) & (damping < FREE)
-            new = evaluate(problem, trial)
-            better = active & (new[0] < state[0]) & (new[0] > -np.inf)
-            # Where the slope jumps, as where a detector turns away, a fit gains nothing either way.
-            short = better & (new[0] > state[0] - arrived)
-            state = choose_tuple(better, new, state)
-            go_on = choose(last | short | (damping > GIVE_UP), False, active)
-            damping = choose(go_on, damping * choose(better, 0.1, 10.0), 0.0)
+            state, damping = step(problem, state, damping)
         return state
 
     return minimise

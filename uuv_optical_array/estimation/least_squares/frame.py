@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array
+from uuv_optical_array.core.numerics.gauss_newton import first_damping
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.least_squares.faults import leave_out
 from uuv_optical_array.estimation.least_squares.posterior import (
@@ -29,10 +30,12 @@ from uuv_optical_array.estimation.least_squares.problem import (
     Misfit,
     Problem,
     State,
+    evaluate,
     lit,
     misfit,
     refine,
     start_at,
+    step,
 )
 from uuv_optical_array.estimation.signature.features import write_parameters
 from uuv_optical_array.estimation.unknowns.coordinates import quarter_turn
@@ -46,8 +49,6 @@ DISTINCT = 3.0
 NEGLIGIBLE = 12.0
 # Minima up to this much less likely are covered to `DISTINCT`, however small their evidence.
 RIVAL = 6.0
-# Steps after which a start is known to lead to a minimum that is among those already.
-LONG_STEPS: Any = np.int64(2)
 # Near the lamp valleys are long and bent: so many minima are followed to their end, in more steps.
 FOLLOWED = 16
 
@@ -140,10 +141,14 @@ def is_near(parts: Array, known: Array) -> bool:
     """Say whether a state is within `DISTINCT` standard deviations of a minimum, by their parts."""
     size, distance = parts.shape[1], 0.0
     for i in range(size):
+        shared = 0.0
         for j in range(size):
-            shared = known[INFORMATION + i, j] * (parts[AT, j] - known[AT, j])
-            distance += (parts[AT, i] - known[AT, i]) * shared
+            shared += known[INFORMATION + i, j] * (parts[AT, j] - known[AT, j])
+        distance += (parts[AT, i] - known[AT, i]) * shared
     return bool(distance < DISTINCT * DISTINCT)
+
+
+is_near.reorder = True  # type: ignore[attr-defined]
 
 
 def insert(minima: list[State], state: State) -> None:
@@ -164,11 +169,16 @@ def insert(minima: list[State], state: State) -> None:
 
 def descend(problem: Problem, minima: list[State], start: Array, steps: int) -> None:
     """Refine coordinates, unless they lead to one of the minima."""
-    state = refine(problem, start, LONG_STEPS)
-    for known in minima:
-        if is_near(state.parts, known.parts):
-            return
-    insert(minima, refine(problem, state.parts[AT], steps))
+    state = evaluate(problem, start)
+    damping = first_damping(state)
+    for _ in range(steps):
+        for known in minima:
+            if is_near(state.parts, known.parts):
+                return
+        if damping == 0:
+            break
+        state, damping = step(problem, state, damping)
+    insert(minima, state)
 
 
 def rivals(minima: list[State]) -> bool:

@@ -9,7 +9,7 @@ from numpy import sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.numerics.elementwise import indices, total, workspace, zeros
-from uuv_optical_array.core.numerics.gauss_newton import minimiser
+from uuv_optical_array.core.numerics.gauss_newton import minimiser, stepper
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.information.likelihood import likelihood_of
 from uuv_optical_array.estimation.least_squares.misfit import (
@@ -37,7 +37,7 @@ from uuv_optical_array.forward.prior import of_lamp
 MAX_STEP = 0.3  # in every coordinate: farther, the linear model is no guide
 STEEPEST = np.pi / 3  # pitch of a vehicle, rad
 # Of NumPy's kind, as Numba compiles anew for each literal.
-FEW_STEPS: Any = np.int64(10)
+FEW_STEPS: Any = np.int64(12)
 MOST_STEPS: Any = np.int64(40)
 MANY_STEPS: Any = np.int64(300)
 # Decrement from which the next step, a tenth of a standard deviation, arrives to second order.
@@ -283,7 +283,8 @@ def propose(problem: Problem, state: State, damping: float) -> tuple[Array, floa
     return there, decrement
 
 
-# Moves coordinates, shape ``(p,)``, to where they are most probable nearby.
+# Move coordinates, shape ``(p,)``, to where they are most probable nearby, and a step thither.
+step = stepper(evaluate, propose, ARRIVED)
 refine = minimiser(evaluate, propose, ARRIVED, MOST_STEPS)
 
 

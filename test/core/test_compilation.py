@@ -16,6 +16,12 @@ from needs import numba
 from uuv_optical_array.control.follow_record import least_distance
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.likelihood import censored
+from uuv_optical_array.forward.optics import (
+    transmit_beer,
+    transmit_housing,
+    transmit_lens,
+    transmit_port,
+)
 
 pytestmark = numba
 
@@ -121,3 +127,10 @@ def test_in_a_folder_of_this_user_alone_code_is_kept_and_in_no_other(tmp_path):
         pytest.skip("only root can give a folder away")
     os.chown(folder, 12345, -1)
     assert printed(WAIT_AND_COMPILE, tmp_path) == "1 (1.0, 2.0)"
+
+
+def test_functions_of_one_source_that_call_others_have_names_of_their_own():
+    """Or one file of the cache would take beer for the housing of another, and poses were wrong."""
+    transmits = transmit_beer, transmit_lens, transmit_housing, transmit_port
+    names = [compilation.compiled_inside(each).py_func.__qualname__ for each in transmits]
+    assert len(set(names)) == len(transmits)

@@ -115,7 +115,12 @@ def _prepared(function: Any, inner: bool) -> tuple[Any, FunctionType, dict[str, 
     mine |= {name: instead(mine[name]) for name in _names(code) & mine.keys()}
     cells = tuple(CellType(instead(cell.cell_contents)) for cell in function.__closure__ or ())
     twin = FunctionType(code, mine, function.__name__, function.__defaults__, cells)
-    twin.__qualname__, twin.__module__ = function.__qualname__, function.__module__
+    # A linker takes a function for one of the same name in another file of the cache, so those of
+    # one source that call others have names of their own.
+    inside = [cell.cell_contents for cell in function.__closure__ or ()]
+    calls = [each.__qualname__ for each in inside if isinstance(each, FunctionType)]
+    twin.__qualname__ = "_of_".join([function.__qualname__, *calls])
+    twin.__module__ = function.__module__
     options = OPTIONS | linking | ({"forceinline": True} if hasattr(function, "inline") else {})
     if hasattr(function, "reorder"):
         options["fastmath"] = options["fastmath"] | {"reassoc"}

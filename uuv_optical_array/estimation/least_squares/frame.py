@@ -49,6 +49,8 @@ DISTINCT = 3.0
 NEGLIGIBLE = 12.0
 # Minima up to this much less likely are covered to `DISTINCT`, however small their evidence.
 RIVAL = 6.0
+# Steps after which the damping begins anew: the first ones, from afar, may have damped too much.
+LONG_STEPS = 2
 # Near the lamp valleys are long and bent: so many minima are followed to their end, in more steps.
 FOLLOWED = 16
 
@@ -168,12 +170,14 @@ def insert(minima: list[State], state: State) -> None:
 
 
 def descend(problem: Problem, minima: list[State], start: Array, steps: int) -> None:
-    """Refine coordinates, unless they lead to one of the minima."""
+    """Refine coordinates, unless they lead to one of the minima from above."""
     state = evaluate(problem, start)
     damping = first_damping(state)
-    for _ in range(steps):
+    for k in range(steps):
+        if k == LONG_STEPS:
+            damping = first_damping(state)
         for known in minima:
-            if is_near(state.parts, known.parts):
+            if known.cost <= state.cost and is_near(state.parts, known.parts):
                 return
         if damping == 0:
             break

@@ -348,6 +348,11 @@ def by_nine_nodes(
             v = step * (i * basis[1, 0] + j * basis[1, 1])
             write_start(lattice, MINIMUM, u, v, start)
             node += 1
+            if node > 4:
+                # All else bends as much as on the opposite side of the minimum.
+                for k in range(len(start)):
+                    ahead = start[k] - lattice.ats[MINIMUM, k]
+                    start[k] = lattice.ats[9 - node, k] + 2 * ahead
             write_node(problem, evaluate(problem, start), lattice, node)
             over = lattice.logs[node] - lattice.logs[0] + 1.5 * (i * i + j * j)
             if not abs(over) < NEARLY:

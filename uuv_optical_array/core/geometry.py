@@ -109,15 +109,13 @@ def rotation_matrix(pitch: ArrayLike, yaw: ArrayLike, roll: ArrayLike = 0.0) -> 
 
 def roll_pitch_yaw(matrix: ArrayLike) -> tuple[Array, Array, Array]:
     """Roll, pitch in [-pi/2, pi/2] and yaw, rad, of rotation matrices, shape ``(..., 3, 3)``."""
-    m = np.asarray(matrix, dtype=float)
-    yaw = np.arctan2(m[..., 1, 0], m[..., 0, 0])
+    ahead, aside, above = np.asarray(matrix, dtype=float).T  # columns, components first
+    yaw = np.arctan2(ahead[1], ahead[0])
     # Without the yaw a pitch and a roll remain, also with the bow straight up or down.
     sin_y, cos_y = np.sin(yaw), np.cos(yaw)
-    pitch = np.arctan2(-m[..., 2, 0], cos_y * m[..., 0, 0] + sin_y * m[..., 1, 0])
-    roll = np.arctan2(
-        sin_y * m[..., 0, 2] - cos_y * m[..., 1, 2], cos_y * m[..., 1, 1] - sin_y * m[..., 0, 1]
-    )
-    return roll, pitch, yaw
+    pitch = np.arctan2(-ahead[2], cos_y * ahead[0] + sin_y * ahead[1])
+    roll = np.arctan2(sin_y * above[0] - cos_y * above[1], cos_y * aside[1] - sin_y * aside[0])
+    return roll.T, pitch.T, yaw.T
 
 
 def relative_pose(
@@ -230,11 +228,8 @@ def turned_about_lamp(pose: Array) -> Array:
 
 def turned_with_beam(poses: Array) -> Array:
     """Return the slope of poses ``(..., 5)`` by a turn of the follower about the beacon's x."""
-    _, y, z, pitch, yaw = np.moveaxis(poses, -1, 0)
-    slopes = np.zeros_like(poses)
-    slopes[..., Y], slopes[..., Z] = -z, y
-    slopes[..., PITCH], slopes[..., YAW] = -np.sin(yaw), np.tan(pitch) * np.cos(yaw)
-    return slopes
+    _, y, z, pitch, yaw = poses.T
+    return np.array([0 * y, -z, y, -np.sin(yaw), np.tan(pitch) * np.cos(yaw)]).T
 
 
 def turned_about_beam(poses: Array, roll: float) -> Array:
@@ -251,8 +246,9 @@ def turned_about_beam(poses: Array, roll: float) -> Array:
 
 def rolled(pose: Array, roll: float, angle: float) -> tuple[Array, float]:
     """Return pose ``(5,)`` and roll of a follower after a turn about the beacon's x, rad."""
-    turn = rotation_matrix(0.0, 0.0, angle)
-    roll_after, pitch, yaw = roll_pitch_yaw(turn @ rotation_matrix(pose[PITCH], pose[YAW], roll))
+    sin_a, cos_a = math.sin(angle), math.cos(angle)
+    turn = np.array([(1.0, 0.0, 0.0), (0.0, cos_a, -sin_a), (0.0, sin_a, cos_a)])
+    roll_after, pitch, yaw = roll_pitch_yaw(turn @ np.array(rotation(pose[PITCH], pose[YAW], roll)))
     return np.array([*(turn @ pose[:3]), pitch, yaw]), float(roll_after)
 
 

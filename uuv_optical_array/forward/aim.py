@@ -19,7 +19,9 @@ def aim_slopes(scene: Scene, pose: Array, roll: float = 0.0) -> Array:
     """
     of_array, of_lamp = map(math.radians, (scene.prior.aim_std_deg, scene.prior.lamp_aim_std_deg))
     on_mount = turned_on_mount(pose, roll, scene.array.bow_m)
-    return np.hstack([of_array * on_mount, of_lamp * turned_about_lamp(pose)])
+    slopes = np.empty((5, 4))
+    slopes[:, :2], slopes[:, 2:] = of_array * on_mount, of_lamp * turned_about_lamp(pose)
+    return slopes
 
 
 def apparent(scene: Scene, poses: Array, aims: Array) -> Array:

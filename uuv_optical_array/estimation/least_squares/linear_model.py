@@ -62,10 +62,15 @@ class LinearModels:
         self._linearise = Lineariser(model, names, compiled)
         self._size, self._roll = 5 + len(names), 5 + names.index(ROLL) if ROLL in names else None
         self._pose_precision = pose_precision
-        # Of each kind, by its unknowns, where pose and unknowns are among all.
+        # Of each kind, by its unknowns, where pose and unknowns are among all, and pose and roll
+        # among its own.
         self._columns = {
             kind.names: np.array([*range(5), *(5 + names.index(name) for name in kind.names)])
             for kind in kinds
+        }
+        self._shown = {
+            kind: np.flatnonzero((columns < 5) | (columns == self._roll))
+            for kind, columns in self._columns.items()
         }
         # Of each but the first, which of them are wider than in a clear frame, and by how much.
         count = max(np.count_nonzero(kind.added) for kind in kinds)
@@ -97,7 +102,7 @@ class LinearModels:
         if failed or not np.isfinite(covariance).all():
             covariance = np.zeros_like(known)
             outcome = NO_COVARIANCE if outcome == FITTED else outcome
-        shown = np.flatnonzero((columns < 5) | (columns == self._roll))
+        shown = self._shown[kind.names]
         spread = frame.stretch * covariance[shown[:, None], shown]
         if frame.wider:
             off = (frame.runner_up - frame.pose) / DISTINCT

@@ -258,7 +258,7 @@ def no_pattern(image: Array, min_peak_counts: float) -> str | None:
     That all readings are at full scale says that the lamp is near, the sun shines in, or the array
     is broken. A pose as wide as that is no guide near a leader, and without one the follower stops.
     """
-    brightest, darkest = float(np.max(image)), float(np.min(image))
+    brightest, darkest = float(image.max()), float(image.min())
     if not np.isfinite(brightest):
         return f"not finite: a detector reads {brightest}"
     if brightest < min_peak_counts:

@@ -62,8 +62,9 @@ UNOBSERVABLE = 0.5
 BENT, FAR = 0.5, 0.06
 # Poses of the working volume from which fits may start: more make no fit more exact.
 STARTS = 1024
-# Beside them poses nearer than that, and the share of the range that they go down to.
-NEAR_STARTS, NEAREST = 4096, 0.2
+# Beside them poses nearer than that, and the share of the range that they go down to; and as many
+# down to this share of the least range, the farther off the beam's axis the nearer.
+NEAR_STARTS, NEAREST, ASIDE = 4096, 0.2, 0.15
 BY_SIGNATURE = 1536  # of all these are looked up by their signature, too, and the others by image
 # Score from which detectors may be faulty: of one valid image of two hundred.
 DOUBTED = 2.576
@@ -193,7 +194,11 @@ class ImageFit:
         # Nearer than that the array saturates, and from afar no fit leads there.
         near = np.stack([rng.choice(axis, NEAR_STARTS) for axis in axes], axis=-1)
         near[:, :3] *= rng.uniform(NEAREST, 1, (len(near), 1))
-        poses = np.concatenate([poses, near])
+        aside = np.stack([rng.choice(axis, NEAR_STARTS) for axis in axes], axis=-1)
+        share = np.exp(rng.uniform(math.log(ASIDE), 0, NEAR_STARTS))
+        aside[:, 0] = share * axes[0].max()
+        aside[:, 1:3] *= np.sqrt(share)[:, None]
+        poses = np.concatenate([poses, near, aside])
         images = self._model.converted(self._model.light(poses))
         lit = images.max(axis=(1, 2)) - self._model.noise.black >= MIN_PEAK_COUNTS
         if not lit.any():

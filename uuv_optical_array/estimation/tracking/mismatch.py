@@ -29,6 +29,8 @@ from uuv_optical_array.forward.prior import POWER, shade_modes
 MOST_TESTED = 49  # detectors
 # Frames of a window are tested together with those of the one before, so often.
 WINDOW_S, CHECK_S = 30.0, 2.0
+# A mismatch is said for so long before what was learnt is forgotten: a window's last test is over.
+MOST_SAID_S = WINDOW_S + 2 * CHECK_S
 EVENNESS, MOST_UNEVEN = "the evenness of the light", 0.6
 MOSTLY_UNEVEN = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s, or since the first"
 # Of the frames since the first, where these are of LEAST_S or more: a cloud comes after clear ones.
@@ -93,6 +95,12 @@ class LastingResiduals:
 
     def _off(self, error: int, size: float, chance: float) -> str:
         return f"{self._names[error]} is off by {size:+.2g} (chance {chance:.0e})"
+
+    def begin_anew(self, mismatch: str) -> None:
+        """Forget all frames; go on saying what they left until those of a whole window show none."""
+        if self._tests:
+            self.mismatch = mismatch
+            self._begin(0)
 
     def _begin(self, stamp_ns: int, after_ns: int = 0) -> None:
         """Begin a window, so long after the start of the last one, if that still counts."""

@@ -51,7 +51,7 @@ from uuv_optical_array.estimation.tracking.measurement import (
     checked_pose,
     checked_readings,
 )
-from uuv_optical_array.estimation.tracking.mismatch import LastingResiduals
+from uuv_optical_array.estimation.tracking.mismatch import MOST_SAID_S, LastingResiduals
 from uuv_optical_array.estimation.tracking.motion import (
     LONG_AGO_NS,
     OwnMotion,
@@ -105,6 +105,7 @@ class Tracker:
         self._previous: _State | None = None  # the last state of the track before this one
         self._own_motion = OwnMotion()
         self._tested_ns = LONG_AGO_NS  # stamp of the newest frame that was tested for a mismatch
+        self._mismatch, self._mismatch_ns = "", 0  # what was said last, and since when
         self._settings, s = settings, settings
         self._constants = c = constants or Constants()
         self._rate_walk = np.array(
@@ -167,6 +168,8 @@ class Tracker:
         - StampRefused: for a frame older than the buffer, or a stamp that is in it.
         - ValueError: for a pose, covariance or readings of wrong shape or out of bounds.
         """
+        if self._mismatch and stamp_ns - self._mismatch_ns > MOST_SAID_S * 1e9:
+            self.forget(stamp_ns)  # it may be over, and what it taught is wrong
         s, history, previous = self._settings, self._history, self._previous
         if readings is not None:
             readings = checked_readings(readings, self._constants)
@@ -223,6 +226,9 @@ class Tracker:
             with suppress(ValueError):  # not finite there
                 self._residuals.add(stamp_ns, checked_readings(near, self._constants))
         mismatch = self._residuals.mismatch or self._residuals.beyond_prior(biases, self._space)
+        if not (mismatch and self._mismatch):
+            self._mismatch_ns = stamp_ns
+        self._mismatch = mismatch
         if mismatch:
             unknown = UNKNOWN * np.array([*[np.linalg.norm(mean[:3])] * 3, 1.0, 1.0])
             joint[POSE, POSE] += np.diag(unknown**2)
@@ -239,6 +245,20 @@ class Tracker:
             mismatch,
             self._turn(motion, biases),
         )
+
+    def lost(self, stamp_ns: int) -> bool:
+        """Say whether a track that learnt constants has taken no frame for too long at a stamp."""
+        if not (self._history and self._constants.names):
+            return False
+        return stamp_ns - self._history[-1][1].taken_ns > self._reset_ns
+
+    def forget(self, stamp_ns: int) -> None:
+        """Begin anew with the next frame, of this stamp, ns, and nothing learnt.
+
+        A mismatch that was said is said until the new frames show none.
+        """
+        self._history, self._previous, self._mismatch_ns = [], None, stamp_ns
+        self._residuals.begin_anew(self._mismatch)
 
     def expected(self, stamp_ns: int) -> Expected:
         """Return what is known of a frame before its image: the prior of its fit.

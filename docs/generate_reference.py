@@ -49,6 +49,8 @@ SOURCE = re.compile(r"[A-Z]\w+(?: and [A-Z]\w+| et al\.)? (?:\d{4}|\(\d{4}\))(?:
 CITATION = re.compile(r" \([^()]*\d{4}[^()]*\)")
 # What differs between the texts of alike kinds of mismatch.
 SIZE = re.compile(r"(\d+(?:\.\d+)?|less|more)")
+# A line of a command's settings, up to its meaning.
+SETTING = re.compile(r"^(.*?): ", re.MULTILINE)
 # The page below docs/ that shows a command at work, unless it is that of a study's name.
 READ_MORE = {
     "follow": "tutorials/first_follow.md",
@@ -372,6 +374,9 @@ def options_of(parser: argparse.ArgumentParser) -> dict[str, tuple[str, str]]:
             words = metavar if isinstance(metavar, str) else " ".join(metavar)
         names = ", ".join(action.option_strings) or action.dest
         text = (action.help or "") % {**vars(action), "prog": parser.prog}
+        if action.dest == "set":
+            (settings,) = (g.description for g in parser._action_groups if g.title == "settings")
+            text += ":\n" + SETTING.sub(r"  - `\1`: ", str(settings))
         meaning, default = text.replace("(default: ", "("), ""
         if meaning != text and meaning.endswith(")"):  # the default stands last
             meaning, _, default = meaning[:-1].rpartition(" (")

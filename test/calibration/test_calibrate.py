@@ -108,7 +108,7 @@ def test_a_bag_gives_every_image_at_the_pose_it_was_taken_at(bag):
 def command(bag, folder, *words):
     return (
         "calibrate", bag, "--scene", "follow", "-o", folder / "sea.yaml",
-        "--beacon-position", *BEACON, *words,
+        "--set", f"beacon_position_m={','.join(map(str, BEACON))}", *words,
     )  # fmt: skip
 
 
@@ -173,7 +173,7 @@ def test_a_namespaced_stack_in_ned_axes_is_read_by_its_topics(recorded, tmp_path
         messages.append(("/rov" + topic, bytes(data)))
     bag = write_bag(tmp_path / "ned", messages, version=8)
     topics = Topics("rov/array/image", "/rov/leader/odometry", "rov/follower/odometry/")
-    found = read_recording(bag, ARRAY, topics, BEACON, "frd")
+    found = read_recording(bag, ARRAY, topics, beacon_position_m=BEACON, odometry_axes="frd")
     assert len(found.images) > 20
     expected = [relative_at(t * 1e-9)[0] for t in found.stamps_ns]
     np.testing.assert_allclose(found.poses, expected, atol=1e-9)

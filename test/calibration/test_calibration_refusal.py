@@ -54,7 +54,7 @@ def test_a_model_with_the_wrong_axes_is_refused_and_the_right_one_is_not(fit_noi
     assert not calibrate(scene_of(), images, poses, rolls, fit_noise=fit_noise).refusal
     found = calibrate(scene_of(), images, poses * MIRRORED, rolls, fit_noise=fit_noise)
     assert found.misfit > 100
-    for word in ("does not explain", "degrees of freedom", "--odometry-axes"):
+    for word in ("does not explain", "degrees of freedom", "odometry_axes"):
         assert word in found.refusal
     assert "--noise" not in found.refusal
 
@@ -260,7 +260,7 @@ def test_the_command_writes_a_wrong_scene_only_by_force(tmp_path, capsys):
     messages = drive_messages(10**8 * np.arange(1, 13), poses, images, rolls)
     bag, output = write_bag(tmp_path / "sea", messages), tmp_path / "sea.yaml"
     words = ("calibrate", bag, "--scene", start, "-o", output)
-    wrong = (*words, "--odometry-axes", "frd")
+    wrong = (*words, "--set", "odometry_axes=frd")
     line = run(*wrong, code=1)
     assert "no scene written: the model does not explain the images" in line
     assert "--force" in line

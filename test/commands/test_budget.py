@@ -97,7 +97,7 @@ def test_the_risk_group_is_that_of_the_radiance(watts, nm, group):
 
 def test_the_keys_that_are_printed_make_the_scene_that_is_told(tmp_path):
     picture = tmp_path / "budget.png"
-    words = ("--scene", "coastal", "--daylight-w-per-m2", 0.01, "--output", picture)
+    words = ("--scene", "coastal", "--set", "daylight_w_per_m2=0.01", "--output", picture)
     out = text_of(run, "budget", *words)
     text = out[out.index("extends: ") : out.index("picture: ")]
     printed = yaml.safe_load(text)
@@ -139,7 +139,11 @@ def test_the_watts_for_a_reach_are_the_least(tmp_path):
 
 @pytest.mark.usefixtures("sketched")
 def test_more_counts_than_a_scene_takes_are_refused(tmp_path):
-    line = run("budget", "--feedback-ohm", 1e9, "--output", tmp_path / "budget.png", code=1)
+    line = run(
+        *("budget", "--set", "feedback_ohm=1", "--set", "feedback_ohm=1e9"),
+        *("--output", tmp_path / "budget.png"),
+        code=1,
+    )
     assert "would read 2e+07 counts" in line
     assert "change the feedback resistor or the lamp" in line
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import uuv_optical_array
 from uuv_optical_array.cli import options
 from uuv_optical_array.commands import build_parser
-from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.settings import Place, Quantity, declared
 
 
 @dataclass(frozen=True)
@@ -21,48 +21,63 @@ class Course:
     rate_hz: Annotated[float, Quantity("rate, 100 % of it", "Hz", 0.5, 1000.0)] = 10.0
     laps: Annotated[int, Quantity("laps", "", 1, 50)] = 3
     way: Annotated[Literal["out", "home"], Quantity("direction")] = "out"
-    still: Annotated[bool, Quantity("without current")] = False
+    buoy_m: Annotated[Place, Quantity("the buoy", "m", -9, 9)] = (0.0, 1.5, -2.0)
 
 
 def parsed(*words):
-    parser = argparse.ArgumentParser()
-    options.add_settings(parser, Course)
-    return Course(**options.settings_of(parser.parse_args(words), Course))
+    parser = argparse.ArgumentParser(formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_set(parser, declared(Course))
+    return Course(**dict(parser.parse_args(words).set))
 
 
-@given(st.floats(0.5, 1000.0), st.integers(1, 50))
-def test_options_set_the_settings_that_they_were_made_from(rate, laps):
-    given = parsed("--rate-hz", repr(rate), "--laps", str(laps), "--way", "home", "--still")
-    assert given == Course(rate, laps, "home", True)
+@given(st.floats(0.5, 1000.0), st.integers(1, 50), st.tuples(*3 * [st.floats(-9, 9)]))
+def test_settings_have_the_values_that_they_are_given_last(rate, laps, buoy):
+    given = "laps=2", f"rate_hz={rate!r}", f"laps={laps}", "way=home", "buoy_m=" + str([*buoy])
+    words = [word for value in given for word in ("--set", value)]
+    assert parsed(*words) == Course(rate, laps, "home", buoy)
     assert parsed() == Course()
-    assert parsed("--laps", "4e1").laps == 40
+    assert parsed("--set", "laps=4e1").laps == 40
+    assert parsed("--set", "buoy_m=1,-2,3e0").buoy_m == (1.0, -2.0, 3.0)
 
 
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (("--laps", "2.5"), "argument --laps: '2.5' is no whole number"),
-        (("--laps", "inf"), "argument --laps: 'inf' is no whole number"),
-        (("--laps", ""), "argument --laps: '' is no whole number"),
-        (("--rate-hz", "fast"), "argument --rate-hz: 'fast' is no number"),
-        (("--rate-hz", "0"), "--rate-hz: 0.0 is out of bounds; it must be from 0.5 to 1000 Hz"),
-        (("--rate-hz", "nan"), "--rate-hz: nan is out of bounds"),
-        (("--laps", "51"), "--laps: 51 is out of bounds; it must be from 1 to 50"),
-        (("--way", "up"), "--way: invalid choice: 'up'"),
+        (
+            "laps=2.5",
+            "laps: 2.5 is not a whole number; give a whole number without a unit, from 1 to 50",
+        ),
+        ("laps=inf", "laps: inf is not a whole number"),
+        ("laps=", "laps: '' is not a whole number"),
+        ("laps=51", "laps: 51 is out of bounds; it must be from 1 to 50"),
+        ("rate_hz=fast", "rate_hz: 'fast' is not a number; give a number without a unit, from 0.5"),
+        ("rate_hz=0", "rate_hz: 0.0 is out of bounds; it must be from 0.5 to 1000 Hz"),
+        ("rate_hz=nan", "rate_hz: nan is out of bounds"),
+        ("way=up", "way: 'up' is unknown; choose out or home"),
+        ("buoy_m=1,2", "buoy_m: [1.0, 2.0] is no place; give [x, y, z]"),
+        ("buoy_m=1,2,east", "buoy_m[2]: 'east' is not a number"),
+        ("buoy_m=1,2,10", "buoy_m[2]: 10.0 is out of bounds; it must be from -9 to 9 m"),
+        ("laps", "laps: no value; give laps=VALUE"),
+        ("lap=1", "lap: unknown key; did you mean laps?"),
+        ("tide=1", "tide: unknown key; known here: rate_hz, laps, way, buoy_m"),
     ],
 )
-def test_an_error_names_option_value_and_bound(words, reason, capsys):
+def test_an_error_names_setting_value_and_bound(words, reason, capsys):
     with pytest.raises(SystemExit, match="2"):
-        parsed(*words)
-    assert reason in capsys.readouterr().err
+        parsed("--set", words)
+    assert f"argument --set: {reason}" in capsys.readouterr().err
 
 
 def test_help_gives_text_unit_and_default(capsys):
     with pytest.raises(SystemExit):
         parsed("--help")
-    text = " ".join(capsys.readouterr().out.split())
-    assert "--rate-hz HZ rate, 100 % of it (default: 10)" in text
-    assert "--laps N laps (default: 3)" in text
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-4:] == [
+        "  rate_hz=HZ: rate, 100 % of it (default: 10)",
+        "  laps=N: laps (default: 3)",
+        "  way={out,home}: direction (default: out)",
+        "  buoy_m=X,Y,Z: the buoy, m (default: 0,1.5,-2)",
+    ]
 
 
 def test_every_default_is_a_value_that_its_option_takes():
@@ -76,6 +91,23 @@ def test_every_default_is_a_value_that_its_option_takes():
 def test_the_name_of_a_study_alone_says_how_it_is_called():
     error = run("accuracy", "--json", code=2)
     assert error == "uuv_array accuracy: it is called `uuv_array study accuracy`"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("budget", "--lamp-w", "2"), "--lamp-w 2; it is called `--set lamp_w=VALUE`"),
+        (("view", "--beacon-position=1"), "; it is called `--set beacon_position_m=VALUE`"),
+        (("budget", "--tide", "2"), "--tide 2"),
+        (("budget", "bag", ""), "bag "),
+        (("budget", ""), ""),
+    ],
+)
+def test_an_option_that_is_a_setting_now_says_how_it_is_called(words, told):
+    error = run(*words, code=2)
+    assert error.startswith("uuv_array: error: unrecognized arguments: ")
+    assert error.endswith(told)
+    assert ("called" in error) == ("called" in told)
 
 
 # The words of a command, and what its one line of an error says.
@@ -95,8 +127,8 @@ REFUSED = [
     (("view", "/nowhere/bag"), "no such file or folder"),
     (("view", "bag", "--remap", "image:=a"), "FROM is one of array/image, leader/odometry"),
     (("view", "bag", "-r", "array/image"), "--remap array/image: give FROM:=TO"),
-    (("calibrate", "bag", "--beacon-position", "0", "0", "nan"), "--beacon-position: nan is"),
-    (("calibrate", "bag", "--max-gap-s", "0"), "--max-gap-s"),
+    (("calibrate", "bag", "--set", "beacon_position_m=0,0,nan"), "beacon_position_m[2]: nan is"),
+    (("calibrate", "bag", "--set", "max_gap_s=0"), "max_gap_s: 0.0 is out of bounds"),
     (("calibrate", "bag", "--pose-std", "-1", "0"), "--pose-std, position: -1.0 is out"),
     (("calibrate", "bag", "-o", "sea.txt"), ".yaml"),
     (("calibrate", "bag", "--noise", "--scene", "ideal"), "sensor_noise"),
@@ -105,7 +137,7 @@ REFUSED = [
         "4 is out of bounds; it must be from 1 to 3 without a chain",
     ),
     (("follow", "--duration", "nan"), "--duration: nan is out of bounds"),
-    (("follow", "--duration", "soon"), "--duration: 'soon' is no number"),
+    (("follow", "--duration", "soon"), "--duration: 'soon' is not a number"),
     (("follow", "--params-file", "nowhere/p.yaml"), "nowhere/p.yaml: no such file"),
     (("follow", "--scene", "atlantis"), "scene atlantis: neither"),
     (("follow", "--seed", "-5"), "seed: -5 is out of bounds; it must be from -1 to"),
@@ -125,7 +157,7 @@ REFUSED = [
     ((*ROBUSTNESS, "--kinds", ""), "--kinds", "''", "nothing"),
     ((*ROBUSTNESS, "--kinds", "moving"), "--kinds", "moving", "plume", "scene follow has not"),
     (("study", "drives", "--scene", "reference"), "--scene: reference has no prior"),
-    ((*DESIGN, "--sweep", "span_m=1"), "span_m=1: give NAME=VALUE,... with NAME one of shape, "),
+    ((*DESIGN, "--sweep", "span_m=1"), "span_m: unknown key; known here: shape, "),
 ]
 
 

@@ -31,7 +31,7 @@ MANY_OUTLIERS = 0.05  # share of the readings from which something else is wrong
 LEAST_AIM, SURE = 0.002, 3.0  # rad, and standard errors, off a frame, from where it is told
 LITTLE, HARDLY = 0.8, "hardly by the images"  # of the error of a tape
 MOVED_M = 0.1  # of the place that a tape tells
-CHECK = "check --odometry-axes, --beacon-position, array.wiring and the topics"
+CHECK = "check odometry_axes and beacon_position_m (--set), array.wiring and the topics"
 MORE = "record more images, with a brighter lamp, while you weave and turn"
 
 
@@ -80,7 +80,7 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
     ]:
         return (
             f"lamps shine from aside of where the scene has them, {', '.join(moved)}; check which "
-            "channel is which lamp, their places in the scene, and --beacon-position"
+            "channel is which lamp, their places in the scene, and --set beacon_position_m"
         )
     limit = MAX_NOISE_FACTOR**2
     if agreement.freedoms > 0:

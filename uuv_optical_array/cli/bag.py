@@ -4,12 +4,10 @@ import argparse
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from uuv_optical_array.cli import options, progress
-from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
-from uuv_optical_array.core.messages import BEACON_POSITION, Axes
-from uuv_optical_array.core.settings import Setting
+from uuv_optical_array.core.settings import declared
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.recording.images import Recording, Topics, read_recording
@@ -26,13 +24,7 @@ def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bo
     words: dict[str, Any] = {"action": "append", "default": [], "metavar": "FROM:=TO"}
     parser.add_argument("-r", "--remap", help=about, **words)
     parser.set_defaults(topics=names)
-    metres = options.reader(Setting(float, BEACON_POSITION, 0.0, optional=False))
-    words = {"type": metres, "nargs": 3, "default": [0.0, 0.0, 0.0], "metavar": ("X", "Y", "Z")}
-    about = f"{BEACON_POSITION.text}, m (default: 0 0 0)"
-    parser.add_argument("--beacon-position", help=about, **words)
-    about = "of base_link in both odometries (default: %(default)s)"
-    parser.add_argument("--odometry-axes", choices=get_args(Axes), default="flu", help=about)
-    options.add_number(parser, "max_gap_s", MAX_GAP, MAX_GAP_S)
+    options.add_set(parser, declared(read_recording))
 
 
 def topics_of(args: argparse.Namespace) -> Topics:
@@ -51,6 +43,5 @@ def topics_of(args: argparse.Namespace) -> Topics:
 def read_bag(args: argparse.Namespace, scene: Scene, poses_needed: bool = True) -> Recording:
     """Read the bag of a scene's array, as `read_recording` does, and show progress."""
     path, over = files.user_path(args.bag), partial(progress.over, unit="message")
-    topics = topics_of(args)
-    truth = args.beacon_position, args.odometry_axes, args.max_gap_s
-    return read_recording(path, scene.array, topics, *truth, over, poses_needed, scene.lamp_count)
+    how = topics_of(args), over, poses_needed, scene.lamp_count
+    return read_recording(path, scene.array, *how, **dict(args.set))

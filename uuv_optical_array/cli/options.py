@@ -1,11 +1,12 @@
 """Options of the commands, made from the settings that they set."""
 
 import argparse
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Annotated, Any, get_args
 
-from uuv_optical_array.core.settings import Quantity, Setting, check, declared
+from uuv_optical_array.core.settings import Place, Quantity, Setting, check, declared, unknown
 from uuv_optical_array.estimation.estimator import EstimatorSettings
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
@@ -44,59 +45,83 @@ def add_command(subparsers: Any, module: Any) -> None:
     module.add_options(parser)
 
 
-def whole_number(text: str) -> int:
-    """Read a whole number, also such as 1e3."""
-    value = _number(text, "whole number")
-    if not value.is_integer():
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number")
-    return int(value)
+def value_of(name: str, setting: Setting, text: str) -> Any:
+    """Read and check the value of a setting; whole numbers also as 1e3, places as X,Y,Z."""
+
+    def number(text: str) -> Any:
+        with suppress(ValueError):  # what is no number is refused by its check
+            value = float(text)
+            return int(value) if setting.kind is int and value.is_integer() else value
+        return text
+
+    value: Any = text
+    if setting.kind is Place:
+        value = [number(part) for part in text.strip("[]").split(",")]
+    elif not setting.choices:
+        value = number(text)
+    return check(Annotated[setting.kind, setting.quantity], value, name)
 
 
-def _number(text: str, kind: str = "number") -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no {kind}") from None
+def _option(read: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Return the type of an option that is so read; a ValueError gives what is told."""
 
+    def value(text: str) -> Any:
+        try:
+            return read(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error).removeprefix("value: ")) from None
 
-def add_settings(parser: Any, owner: Callable[..., Any], *names: str) -> None:
-    """Add an option for each setting that a dataclass or a function declares, or those named."""
-    for name, setting in declared(owner).items():
-        if not names or name in names:
-            add_setting(parser, name, setting)
-
-
-def add_setting(parser: Any, name: str, setting: Setting) -> None:
-    """Add the option of one setting; a value out of bounds is an error of the command line."""
-    option, text = f"--{name.replace('_', '-')}", setting.quantity.text
-    if setting.kind is bool:
-        parser.add_argument(option, action="store_true", help=text)
-        return
-    default = setting.default
-    if default is not None:
-        text += f" (default: {f'{default:g}' if isinstance(default, float) else default})"
-    words: dict[str, Any] = {"choices": setting.choices}
-    if not setting.choices:
-        words = {"type": reader(setting), "metavar": setting.quantity.unit.upper() or "N"}
-    parser.add_argument(option, default=default, help=text.replace("%", "%%"), **words)
+    return value
 
 
 def reader(setting: Setting) -> Callable[[str], Any]:
     """Return the function that reads and checks the value of an option."""
-
-    def read(text: str) -> Any:
-        value = whole_number(text) if setting.kind is int else _number(text)
-        try:
-            return check(Annotated[setting.kind, setting.quantity], value, "value")
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error).removeprefix("value: ")) from None
-
-    return read
+    return _option(partial(value_of, "value", setting))
 
 
-def settings_of(args: argparse.Namespace, owner: Callable[..., Any]) -> dict[str, Any]:
-    """Return the values of the options that `add_settings` added, by the name of the setting."""
-    return {name: vars(args)[name] for name in declared(owner)}
+def _described(setting: Setting) -> tuple[str, str]:
+    """Return how the value of a setting is written, and its meaning with its default."""
+    text, unit, default = setting.quantity.text, setting.quantity.unit, setting.default
+    value = f"{{{','.join(setting.choices)}}}" if setting.choices else unit.upper() or "N"
+    if setting.kind is Place:
+        value, text = "X,Y,Z", f"{text}, {unit}"
+    if default is None:
+        return value, text
+    values = default if isinstance(default, tuple) else (default,)
+    shown = (f"{one:g}" if isinstance(one, float) else str(one) for one in values)
+    return value, f"{text} (default: {','.join(shown)})"
+
+
+def add_setting(parser: Any, name: str, setting: Setting) -> None:
+    """Add the option of one setting; a value out of bounds is an error of the command line."""
+    value, text = _described(setting)
+    words = {"type": reader(setting), "metavar": value, "default": setting.default}
+    parser.add_argument(f"--{name.replace('_', '-')}", help=text.replace("%", "%%"), **words)
+
+
+def assigned(word: str, settings: Mapping[str, Setting]) -> tuple[str, str]:
+    """Part NAME=VALUE; ValueError for a name of none of the settings, or no value."""
+    name, equals, text = word.partition("=")
+    if name not in settings:
+        raise unknown(name, settings, "")
+    if not equals:
+        raise ValueError(f"{name}: no value; give {name}=VALUE")
+    return name, text
+
+
+def add_set(parser: argparse.ArgumentParser, settings: Mapping[str, Setting]) -> None:
+    """Add the option of settings, which the help lists; ``dict(args.set)`` has all values."""
+
+    def read(word: str) -> tuple[str, Any]:
+        name, text = assigned(word, settings)
+        return name, value_of(name, settings[name], text)
+
+    lines = ["{}={}: {}".format(name, *_described(setting)) for name, setting in settings.items()]
+    parser.add_argument_group("settings", "\n".join(lines))
+    values = [(name, setting.default) for name, setting in settings.items()]
+    words: dict[str, Any] = {"action": "append", "type": _option(read), "metavar": "NAME=VALUE"}
+    words |= {"default": values, "help": "one of the settings below; may be repeated"}
+    parser.add_argument("--set", **words)
 
 
 def add_scene(parser: argparse.ArgumentParser, default: str) -> None:
@@ -127,7 +152,7 @@ def add_seed(parser: Any) -> None:
 
 def add_method(parser: argparse.ArgumentParser) -> None:
     """Add the option that names the estimator's method."""
-    add_settings(parser, EstimatorSettings, "method")
+    add_setting(parser, "method", declared(EstimatorSettings)["method"])
 
 
 def add_shape(parser: argparse.ArgumentParser) -> None:

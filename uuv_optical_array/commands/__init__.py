@@ -54,7 +54,13 @@ def main(words: list[str] | None = None) -> None:
     if words and words[0] in STUDIES:
         print(f"uuv_array {words[0]}: it is called `uuv_array study {words[0]}`", file=sys.stderr)
         sys.exit(2)
-    args = build_parser().parse_args(words)
+    parser = build_parser()
+    args, others = parser.parse_known_args(words)
+    if others:
+        begin = others[0].removeprefix("--").partition("=")[0].replace("-", "_")
+        near = (n for n, _ in vars(args).get("set", ()) if begin and n.startswith(begin))
+        cure = next((f"; it is called `--set {setting}=VALUE`" for setting in near), "")
+        parser.error(f"unrecognized arguments: {' '.join(others)}{cure}")
     try:
         code = args.run(args)
         _flush()

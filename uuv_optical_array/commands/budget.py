@@ -5,9 +5,9 @@ noise and the reach of a scene, by the light and noise of every other command. I
 a scene file, the lamp's risk group, and what errors of building cost. --reach finds the watts.
 
   uuv_array budget                                     the instrument of the guide
-  uuv_array budget --scene harbour --lamp-w 2          in another water, with a brighter lamp
+  uuv_array budget --scene harbour --set lamp_w=2      in another water, with a brighter lamp
   uuv_array budget --reach 8                           the least watts that reach 8 m
-  uuv_array budget --daylight-w-per-m2 1 --filter 0.7  by day, behind a filter
+  uuv_array budget --set daylight_w_per_m2=1 --set filter=0.7    by day, behind a filter
 The reach is where the Cramer-Rao bound of one image keeps within the specification of Eren et al.
 (2016), 0.2 m and 10 deg, as `uuv_array limits` has it, with the scene's prior.
 """
@@ -21,7 +21,7 @@ import numpy as np
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.commands.limits import aligned, reach, within
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
-from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.settings import Quantity, declared
 from uuv_optical_array.core.storage.yaml_text import text_of
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.tolerances import tolerances
@@ -37,7 +37,7 @@ RANGES_M = (1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0)
 DRAWN_M = np.geomspace(1.0, 20.0, 120)
 BUILT_M = 6.0  # where errors of building are told
 RISK = ("exempt", "group 1: low risk", "group 2: do not stare", "group 3: high risk")
-REACH = Quantity("find the least watts that reach so far, in place of --lamp-w", "m", 0.5, 100)
+REACH = Quantity("find the least watts that reach so far, in place of lamp_w", "m", 0.5, 100)
 
 
 def rows(scene: Scene, ranges_m: Any) -> Array:
@@ -113,14 +113,14 @@ def draw(scene: Scene) -> Any:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
-    options.add_settings(parser, Instrument)
+    options.add_set(parser, declared(Instrument))
     options.add_number(parser, "reach", REACH, None, float)
     outputs.add_picture(parser, "budget.png")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the budget, or the watts for a reach, and draw it."""
-    base, instrument = options.scene_of(args), Instrument(**options.settings_of(args, Instrument))
+    base, instrument = options.scene_of(args), Instrument(**dict(args.set))
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     if args.reach is not None:
         watts = least_watts(base, instrument, lambda scene: bool(within(scene, [args.reach])[0]))

@@ -10,7 +10,8 @@ powers stays. Where residuals show that the model is wrong, no scene is written;
 
   ros2 bag record -o sea /array/image /leader/odometry /follower/odometry
   uuv_array calibrate sea --scene follow -o sea.yaml --picture residuals.png
-  uuv_array calibrate sea --remap array/image:=/bow/array/image --beacon-position -0.7 0 0.2
+  uuv_array calibrate sea --remap array/image:=/bow/array/image --set max_gap_s=1
+  uuv_array calibrate sea --set beacon_position_m=-0.7,0,0.2 --set odometry_axes=frd
   uuv_array calibrate sea --pose-std 0.02 0.5      odometry has errors of 2 cm and 0.5 deg
   uuv_array calibrate sea --noise                  fit the noise too
   uuv_array calibrate tank --places places.csv     measured places instead of odometry

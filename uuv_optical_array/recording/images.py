@@ -2,19 +2,20 @@
 
 from bisect import insort
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.control.trajectory import MAX_GAP_S, TooEarly, Trajectory
+from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S, TooEarly, Trajectory
 from uuv_optical_array.core import messages
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.messages import Axes, Readout, Refused
+from uuv_optical_array.core.settings import Place, Quantity
 from uuv_optical_array.recording.bag import IMAGE, ODOMETRY, TWIST, opened
 
 CLOCK_RESET_NS = 1_000_000_000  # no message is so late: the clock was set back
@@ -103,12 +104,13 @@ def read_recording(
     path: Path,
     array: Readout,
     topics: Topics = Topics(),
-    beacon_position_m: Sequence[float] = (0.0, 0.0, 0.0),
-    axes: Axes = "flu",
-    max_gap_s: float = MAX_GAP_S,
     progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
     poses_needed: bool = True,
     lamps: int = 1,
+    *,
+    beacon_position_m: Annotated[Place, messages.BEACON_POSITION] = (0.0, 0.0, 0.0),
+    odometry_axes: Annotated[Axes, Quantity("of base_link in both odometries")] = "flu",
+    max_gap_s: Annotated[float, MAX_GAP] = MAX_GAP_S,
 ) -> Recording:
     """Read the images of a bag, and their poses from both odometries.
 
@@ -116,11 +118,9 @@ def read_recording(
 
     - path: as of `opened`.
     - array: the array that every image must be of.
-    - beacon_position_m: the lamp in the leader's ``base_link``, m.
-    - axes: of both odometries, see `odometry_pose`.
-    - max_gap_s: longest gap in an odometry that is interpolated, s.
     - poses_needed: leave out images without a known pose; otherwise odometries may be missing.
     - lamps: how many an image shows.
+    - beacon_position_m and what follows: as the nodes' parameters; axes as of `odometry_pose`.
     - ValueError: for a bag that cannot be read, a topic that is missing or of another type,
       odometries in two frames, a clock that was set back, or a bag without a valid image.
     - FileNotFoundError: where there is no such bag.
@@ -156,7 +156,7 @@ def read_recording(
                 elif connection.msgtype == TWIST:
                     value = messages.twist_from_message(message)
                 else:
-                    value = messages.odometry_pose(message, axes)
+                    value = messages.odometry_pose(message, odometry_axes)
             except Refused as reason:
                 # Counted by kind: the values of odometries and commands differ.
                 text = str(reason)

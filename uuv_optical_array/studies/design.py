@@ -77,6 +77,7 @@ PAPER: dict[str, Any] = {"shape": "curved", "detectors_per_side": 5}
 PAPER |= {"width_m": 0.4, "radius_m": 0.32}
 SEED = 1
 POSES = Quantity("poses for the bound", "", 1, 1e7)
+TAKEN = Quantity("number of a design in the table to write as a scene, too", "", 1, 1e9)
 NOISE_DRAWS = 64
 ROUNDING_DEG = 1e-9  # angles below are rounding: the converter took all noise away
 BLOCK_READINGS = 1 << 14
@@ -126,18 +127,11 @@ def sweep_of(scene: Scene, words: Sequence[str] = ()) -> Sweep:
     """
     lists: dict[str, list[Any]] = {}
     for word in words:
-        name, _, values = word.partition("=")
-        if name not in SWEPT:
-            raise ValueError(f"{word}: give NAME=VALUE,... with NAME one of {', '.join(SWEPT)}")
+        name, values = options.assigned(word, SWEPT)
         if name in lists:
             raise ValueError(f"{name}: given twice; give its values once")
-        kind, hint = SWEPT[name].kind, Annotated[SWEPT[name].kind, SWEPT[name].quantity]
-        try:
-            lists[name] = [kind(v) if kind in (int, float) else v for v in values.split(",")]
-        except ValueError:
-            raise ValueError(f"{word}: give numbers with commas between them") from None
+        lists[name] = [options.value_of(name, SWEPT[name], value) for value in values.split(",")]
         for value, count in Counter(lists[name]).items():
-            check(hint, value, name)
             if count > 1:
                 raise ValueError(f"{name}: {value} is given twice; give it once")
     own = vars(Design.of(scene))
@@ -502,8 +496,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_number(parser, "poses", POSES, 1000)
     about = "picture, with the CSV of every design beside it (default: SCENE.design.png here)"
     outputs.add_picture(parser, None, about=about)
-    about = "write design NO of the table as a scene, too"
-    parser.add_argument("--take", type=options.whole_number, metavar="NO", help=about)
+    options.add_number(parser, "take", TAKEN, None, int)
     options.add_json(parser)
 
 

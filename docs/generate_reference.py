@@ -49,8 +49,6 @@ SOURCE = re.compile(r"[A-Z]\w+(?: and [A-Z]\w+| et al\.)? (?:\d{4}|\(\d{4}\))(?:
 CITATION = re.compile(r" \([^()]*\d{4}[^()]*\)")
 # What differs between the texts of alike kinds of mismatch.
 SIZE = re.compile(r"(\d+(?:\.\d+)?|less|more)")
-# A line of a command's settings, up to its meaning.
-SETTING = re.compile(r"^(.*?): ", re.MULTILINE)
 # The page below docs/ that shows a command at work, unless it is that of a study's name.
 READ_MORE = {
     "follow": "tutorials/first_follow.md",
@@ -374,20 +372,27 @@ def options_of(parser: argparse.ArgumentParser) -> dict[str, tuple[str, str]]:
             words = metavar if isinstance(metavar, str) else " ".join(metavar)
         names = ", ".join(action.option_strings) or action.dest
         text = (action.help or "") % {**vars(action), "prog": parser.prog}
-        if action.dest == "set":
-            (settings,) = (g.description for g in parser._action_groups if g.title == "settings")
-            text += ":\n" + SETTING.sub(r"  - `\1`: ", str(settings))
-        meaning, default = text.replace("(default: ", "("), ""
-        if meaning != text and meaning.endswith(")"):  # the default stands last
-            meaning, _, default = meaning[:-1].rpartition(" (")
-        options[f"{names} {words}".strip()] = meaning.replace("<", "&lt;"), default
+        options[f"{names} {words}".strip()] = meaning_and_default(text)
+    for group in parser._action_groups:
+        if group.title == "settings":
+            lines = (line.partition(": ") for line in str(group.description).splitlines())
+            options |= {name: meaning_and_default(text) for name, _, text in lines}
     return options
 
 
+def meaning_and_default(text: str) -> tuple[str, str]:
+    """Part the help of an option."""
+    meaning, default = text.replace("(default: ", "("), ""
+    if meaning != text and meaning.endswith(")"):  # the default stands last
+        meaning, _, default = meaning[:-1].rpartition(" (")
+    return meaning.replace("<", "&lt;"), default
+
+
 def option_list(options: Mapping[str, tuple[str, str]]) -> str:
-    """Return options with their meanings and defaults."""
+    """Return options, and settings such as ``NAME=UNIT``, with their meanings and defaults."""
     return "\n".join(
-        f"- `{name}`: {meaning}" + f" ({default})" * bool(default)
+        f"- `{'' if name.startswith('-') or '=' not in name else '--set '}{name}`: {meaning}"
+        + f" ({default})" * bool(default)
         for name, (meaning, default) in options.items()
     )
 
@@ -430,7 +435,7 @@ def commands() -> list[str]:
             meant, of_all = common.get(name, ("", ""))
             if meant == meaning:
                 of_this = f" ({default})" * (default != of_all)
-                shared.append(f"`{name.split()[0].rstrip(',')}`{of_this}")
+                shared.append(f"`{name.split()[0].rstrip(',').partition('=')[0]}`{of_this}")
             else:
                 own[name] = meaning, default
         name = parser.prog.split()[-1]

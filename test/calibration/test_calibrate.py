@@ -214,7 +214,7 @@ def late(message):
         (LEADER, put("pose.pose.position.y", np.nan), ("/leader/odometry: not finite", "there is")),
         (FOLLOWER, put("pose.pose.orientation.w", 9.0), ("/follower/odometry: bad attitude",)),
         (LEADER, late, ("older than every pose", "1001.000 to", "/array/image 1.050 to")),
-        (IMAGE, lambda _: "left out", ("no topic /array/image", LEADER, FOLLOWER, "--remap")),
+        (IMAGE, lambda _: "left out", ("no topic /array/image", LEADER, FOLLOWER, "--set image_")),
     ],
     ids=["encoding", "frames", "NaN", "attitude", "stamps", "no image"],
 )  # fmt: skip
@@ -270,9 +270,9 @@ def test_bags_that_are_none_are_refused_in_one_line(recorded, tmp_path):
     file.write_bytes(file.read_bytes()[:300])
     assert str(broken) in run(*command(broken, tmp_path), code=1)
     typed = write_bag(tmp_path / "typed", recorded[:30])
-    line = run(*command(typed, tmp_path, "--remap", f"array/image:={LEADER}"), code=1)
+    line = run(*command(typed, tmp_path, "--set", f"image_topic={LEADER}"), code=1)
     assert f"{LEADER} is nav_msgs/msg/Odometry, not sensor_msgs/msg/Image" in line
-    line = run(*command(typed, tmp_path, "-r", f"/leader/odometry:={FOLLOWER}"), code=1)
+    line = run(*command(typed, tmp_path, "--set", f"leader_topic={FOLLOWER}"), code=1)
     assert "one topic" in line
     again = [*recorded[100:130], *recorded[:30]]
     line = run(*command(write_bag(tmp_path / "twice", again), tmp_path), code=1)

@@ -69,7 +69,7 @@ def test_live_images_are_taken_until_both_sweeps_are_seen(lab, sent, tmp_path):
     lab.begin()
     images = lab.talk(Image, "bow/array/image")
     output = tmp_path / "sea.yaml"
-    words = ("commission", "--topic", "bow/array/image", "-o", output)
+    words = ("commission", "--set", "image_topic=bow/array/image", "-o", output)
     told, stamp = b"", sent[0][0] - 10**12
 
     def show(stamp, image):

@@ -59,7 +59,8 @@ def test_a_rail_and_a_tape_calibrate_a_scene(tank, tmp_path):
         np.abs(found["gains"] - gains), 5 * np.array(found["gain_std_errors"])
     )
     assert load_scene(output).lamp.beam_sigma_deg == pytest.approx(6.5, abs=0.2)
-    run("calibrate", bag, "--places", table, "--pose-std", 0.1, 1, code=2)
+    both = ("--places", table, "--set", "attitude_std_deg=1")
+    assert "the table of --places says it" in run("calibrate", bag, *both, code=2)
 
 
 def test_images_of_a_place_share_its_error(tank):

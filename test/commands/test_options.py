@@ -98,6 +98,7 @@ def test_the_name_of_a_study_alone_says_how_it_is_called():
     [
         (("budget", "--lamp-w", "2"), "--lamp-w 2; it is called `--set lamp_w=VALUE`"),
         (("view", "--beacon-position=1"), "; it is called `--set beacon_position_m=VALUE`"),
+        (("calibrate", "bag", "--image-topic", "a"), "a; it is called `--set image_topic=VALUE`"),
         (("budget", "--tide", "2"), "--tide 2"),
         (("budget", "bag", ""), "bag "),
         (("budget", ""), ""),
@@ -125,11 +126,11 @@ REFUSED = [
     (("view", "--address", ":0"), "--address: 0 is out of bounds"),
     (("view", "--screenshot", "/nowhere/view.png"), "make it first"),
     (("view", "/nowhere/bag"), "no such file or folder"),
-    (("view", "bag", "--remap", "image:=a"), "FROM is one of array/image, leader/odometry"),
-    (("view", "bag", "-r", "array/image"), "--remap array/image: give FROM:=TO"),
+    (("view", "bag", "--set", "image=a"), "image: unknown key; known here: image_topic, "),
+    (("view", "bag", "--set", "image_topic"), "image_topic: no value; give image_topic=VALUE"),
     (("calibrate", "bag", "--set", "beacon_position_m=0,0,nan"), "beacon_position_m[2]: nan is"),
     (("calibrate", "bag", "--set", "max_gap_s=0"), "max_gap_s: 0.0 is out of bounds"),
-    (("calibrate", "bag", "--pose-std", "-1", "0"), "--pose-std, position: -1.0 is out"),
+    (("calibrate", "bag", "--set", "position_std_m=-1"), "position_std_m: -1.0 is out"),
     (("calibrate", "bag", "-o", "sea.txt"), ".yaml"),
     (("calibrate", "bag", "--noise", "--scene", "ideal"), "sensor_noise"),
     (

@@ -39,7 +39,7 @@ def test_it_is_what_its_script_writes(sample, monkeypatch, tmp_path):
 
 def test_errors_of_poses_reach_the_fit_in_metres_and_degrees(sample, tmp_path):
     output = tmp_path / "sea.yaml"
-    words = ("--pose-std", 0.05, 1, "-o", output, "--force")
+    words = ("--set", "position_std_m=0.05", "--set", "attitude_std_deg=1", "-o", output, "--force")
     told = json_of(run, "calibrate", EXAMPLES / "sample", *words)["parameters"]
     stds = [0.05, 0.05, 0.05, np.radians(1), np.radians(1)]
     drive = sample.images, sample.poses, sample.rolls

@@ -54,6 +54,8 @@ def value_of(name: str, setting: Setting, text: str) -> Any:
             return int(value) if setting.kind is int and value.is_integer() else value
         return text
 
+    if setting.kind is str:
+        return text
     value: Any = text
     if setting.kind is Place:
         value = [number(part) for part in text.strip("[]").split(",")]
@@ -85,6 +87,8 @@ def _described(setting: Setting) -> tuple[str, str]:
     value = f"{{{','.join(setting.choices)}}}" if setting.choices else unit.upper() or "N"
     if setting.kind is Place:
         value, text = "X,Y,Z", f"{text}, {unit}"
+    if setting.kind is str:
+        value = "NAME"
     if default is None:
         return value, text
     values = default if isinstance(default, tuple) else (default,)
@@ -120,7 +124,7 @@ def add_set(parser: argparse.ArgumentParser, settings: Mapping[str, Setting]) ->
     parser.add_argument_group("settings", "\n".join(lines))
     values = [(name, setting.default) for name, setting in settings.items()]
     words: dict[str, Any] = {"action": "append", "type": _option(read), "metavar": "NAME=VALUE"}
-    words |= {"default": values, "help": "one of the settings below; may be repeated"}
+    words |= {"default": values, "help": "give a setting its value; may be repeated"}
     parser.add_argument("--set", **words)
 
 

@@ -10,9 +10,8 @@ powers stays. Where residuals show that the model is wrong, no scene is written;
 
   ros2 bag record -o sea /array/image /leader/odometry /follower/odometry
   uuv_array calibrate sea --scene follow -o sea.yaml --picture residuals.png
-  uuv_array calibrate sea --remap array/image:=/bow/array/image --set max_gap_s=1
-  uuv_array calibrate sea --set beacon_position_m=-0.7,0,0.2 --set odometry_axes=frd
-  uuv_array calibrate sea --pose-std 0.02 0.5      odometry has errors of 2 cm and 0.5 deg
+  uuv_array calibrate sea --set image_topic=/bow/array/image --set beacon_position_m=-0.7,0,0.2
+  uuv_array calibrate sea --set position_std_m=0.02 --set attitude_std_deg=0.5
   uuv_array calibrate sea --noise                  fit the noise too
   uuv_array calibrate tank --places places.csv     measured places instead of odometry
 The table has the columns image (from 0 on) or time_s (after the first image); x_m, y_m, z_m,
@@ -24,7 +23,7 @@ Needs rosbags and mcap (pip install rosbags mcap), but no ROS.
 import argparse
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +31,7 @@ from numpy.typing import NDArray
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
 from uuv_optical_array.cli import bag, options, outputs, progress
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
-from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
@@ -41,8 +40,8 @@ from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.places import LEAST_STD, with_places
 
 STDS = {
-    "position": Quantity("standard deviation of x, y and z", "m", 0, 10),
-    "attitude": Quantity("of pitch and yaw", "deg", 0, 90),
+    "position_std_m": Quantity("standard deviation of x, y and z; 0: exact", "m", 0, 10),
+    "attitude_std_deg": Quantity("of pitch and yaw; 0: exact", "deg", 0, 90),
 }
 SHOWN_IMAGES = 5
 EDGE = 4.0  # standard deviations; residuals beyond are drawn there
@@ -50,18 +49,16 @@ EDGE = 4.0  # standard deviations; residuals beyond are drawn there
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    bag.add_bag(parser)
+    stds = {name: Setting(float, quantity, 0.0, False) for name, quantity in STDS.items()}
+    bag.add_bag(parser, others=stds)
     options.add_scene(parser, "follow")
     outputs.add_scene_file(parser, "calibrated.yaml")
     outputs.add_picture(parser, None, "--picture", "draw the residuals")
     options.add_json(parser)
-    about = " and ".join(quantity.text for quantity in STDS.values()) + " (default: 0 0, exact)"
-    words: dict[str, Any] = {"nargs": 2, "type": float, "metavar": ("M", "DEG")}
-    parser.add_argument("--pose-std", default=[0.0, 0.0], help=about, **words)
-    about = "CSV of measured places and errors, in place of odometries and --pose-std"
+    about = "CSV of measured places and errors, in place of odometries and their errors"
     parser.add_argument("--places", type=Path, metavar="TABLE", help=about)
     about = "parameter that keeps the scene's value, by its printed name, or gains; "
-    words = {"action": "append", "default": [], "metavar": "NAME"}
+    words: dict[str, Any] = {"action": "append", "default": [], "metavar": "NAME"}
     parser.add_argument("--hold", help=about + "may be repeated", **words)
     about = "fit sensor_noise.sigma_counts, too"
     parser.add_argument("--noise", action="store_true", help=about)
@@ -193,17 +190,17 @@ def draw_calibration(result: Calibration, recording: Recording, title: str) -> A
 
 def run(args: argparse.Namespace) -> int:
     """Read the bag, fit, print and write."""
-    with options.checking_options():
-        for (name, quantity), value in zip(STDS.items(), args.pose_std, strict=True):
-            check(Annotated[float, quantity], value, f"--pose-std, {name}")
-    stds = np.repeat(args.pose_std, [3, 2]) / IN_DEGREES
+    settings = dict(args.set)
+    stds = np.repeat([settings[name] for name in STDS], [3, 2]) / IN_DEGREES
     pose_std = np.maximum(stds, LEAST_STD) if stds.any() else None
     scene = options.scene_of(args)
     if args.noise and "sensor_noise" not in scene.effects:
         raise options.OptionError(f"--noise: no effects.sensor_noise in {scene.name}; add it")
     table = args.places and files.user_path(args.places)
     if table is not None and pose_std is not None:
-        raise options.OptionError("--pose-std: the table of --places says it; leave one out")
+        raise options.OptionError(
+            f"--set {next(iter(STDS))}: the table of --places says it; leave one out"
+        )
     path, text = files.user_path(args.bag), own_text(args.scene)
     output = outputs.file_to_write(args.output, "--output", outputs.SCENE)
     picture = args.picture and outputs.file_to_write(args.picture, "--picture", outputs.PICTURE)

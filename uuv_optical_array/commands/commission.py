@@ -9,7 +9,7 @@ before the first dive, with the lamp, or all lamps, at a known range: detectors 
 or fail by noise, level in the dark and light, with what to do; the exit code is 1 if any fails.
 
   uuv_array commission --scene sea.yaml -o sea.yaml     listens to array/image
-  uuv_array commission --topic /bow/array/image         another topic
+  uuv_array commission --set image_topic=/bow/array/image
   uuv_array commission torch                            a bag of both sweeps; needs no ROS
   uuv_array commission --lamp 4 --in-air                the acceptance test on deck, lamp at 4 m
 Keep the array in the dark or in steady light, and leave 1 s without the torch before, between and
@@ -26,7 +26,7 @@ from uuv_optical_array.calibration.acceptance import Acceptance, in_air
 from uuv_optical_array.calibration.wiring import TorchSweeps, description
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.extras import needs
-from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.settings import Quantity, declared
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
@@ -42,8 +42,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_scene(parser, "follow")
     about = "rosbag2's folder, or its .mcap or .db3 file (default: listen to the topic)"
     parser.add_argument("bag", type=Path, nargs="?", help=about)
-    about = "topic of the images (default: %(default)s)"
-    parser.add_argument("--topic", default=Topics.image, help=about)
+    options.add_set(parser, {"image_topic": declared(Topics)["image"]})
     options.add_number(parser, "lamp", LAMP, None, float)
     about = "on deck: without water, a wider beam"
     parser.add_argument("--in-air", action="store_true", help=about)
@@ -68,9 +67,15 @@ def run(args: argparse.Namespace) -> int:
     else:
         sweeps = Acceptance(in_air(scene) if args.in_air else scene, args.lamp, show)
     if listen is not None:
-        listen(args.topic, array, sweeps.take, lambda: not sweeps.complete, scene.lamp_count)
+        listen(
+            dict(args.set)["image_topic"],
+            array,
+            sweeps.take,
+            lambda: not sweeps.complete,
+            scene.lamp_count,
+        )
     else:
-        bag, topics = files.user_path(args.bag), Topics(args.topic)
+        bag, topics = files.user_path(args.bag), Topics(dict(args.set)["image_topic"])
         recording = read_recording(bag, array, topics, poses_needed=False, lamps=scene.lamp_count)
         for stamp, image in zip(recording.stamps_ns, recording.images, strict=True):
             sweeps.take(int(stamp), image)

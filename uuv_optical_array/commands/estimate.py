@@ -35,7 +35,7 @@ from uuv_optical_array.recording.results import write_results
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    bag.add_bag(parser, commands=True)
+    bag.add_bag(parser)
     options.add_scene(parser, "follow")
     options.add_method(parser)
     filtered = "filter the frames, and learn the constants"

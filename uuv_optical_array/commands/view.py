@@ -33,7 +33,7 @@ SCREENSHOT_S = 45.0  # time of the simulation or the bag that --screenshot shows
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    bag.add_bag(parser, required=False, commands=True)
+    bag.add_bag(parser, required=False)
     options.add_scene(parser, "follow")
     options.add_method(parser)
     options.add_number(parser, "seed", SEED, None, int)

@@ -25,10 +25,10 @@ CLOCK_RESET_NS = 1_000_000_000  # no message is so late: the clock was set back
 class Topics:
     """Names of the topics; a leading slash does not matter."""
 
-    image: str = "array/image"
-    leader: str = "leader/odometry"
-    follower: str = "follower/odometry"
-    commands: str = "cmd_vel"
+    image: Annotated[str, Quantity("of the images")] = "array/image"
+    leader: Annotated[str, Quantity("of the leader's odometry")] = "leader/odometry"
+    follower: Annotated[str, Quantity("of the follower's odometry")] = "follower/odometry"
+    commands: Annotated[str, Quantity("of the follower's commands, for a track")] = "cmd_vel"
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,8 @@ class _Stream:
         return at
 
 
-def _connections(reader: Any, name: str, msgtype: str, default: str) -> list[Any]:
-    cure = f"name another by --remap {default}:=TOPIC"
+def _connections(reader: Any, name: str, msgtype: str, kind: str) -> list[Any]:
+    cure = f"name another by --set {kind}_topic=TOPIC"
     types = {connection.topic: connection.msgtype for connection in reader.connections}
     if name not in types:
         held = ", ".join(f"{known} ({kind})" for known, kind in sorted(types.items()))
@@ -131,14 +131,10 @@ def read_recording(
         if not reader.message_count:
             raise ValueError("; ".join(["it is empty", *lost]))
         streams, connections = {}, []
-        for topic, msgtype, default in (
-            (topics.image, IMAGE, Topics.image),
-            (topics.leader, ODOMETRY, Topics.leader),
-            (topics.follower, ODOMETRY, Topics.follower),
-        ):
-            name = "/" + topic.strip("/")
+        for kind, msgtype in (("image", IMAGE), ("leader", ODOMETRY), ("follower", ODOMETRY)):
+            name = "/" + vars(topics)[kind].strip("/")
             if poses_needed or msgtype == IMAGE or name in reader.topics:
-                connections += _connections(reader, name, msgtype, default)
+                connections += _connections(reader, name, msgtype, kind)
             streams[name] = _Stream(name)
         if len(streams) < 3:
             raise ValueError("leader and follower have one topic; name both")

@@ -14,6 +14,7 @@ EXAMPLES = sorted(files.shared_file("config/examples").glob("*.yaml"))
 FILTERS = [path for path in EXAMPLES if path.name.startswith("robot_localization")]
 LAUNCHES = [path for path in EXAMPLES if path.name.endswith(".launch.yaml")]
 (AGGREGATOR,) = (path for path in EXAMPLES if path.name == "diagnostic_aggregator.yaml")
+(DOCKING,) = (path for path in EXAMPLES if path.name == "nav2_docking.yaml")
 KINDS = {"odom": "nav_msgs/msg/Odometry", "pose": "geometry_msgs/msg/PoseWithCovarianceStamped"}
 NAMED = pytest.mark.parametrize("path", [*FILTERS, *LAUNCHES], ids=lambda path: path.name)
 
@@ -59,7 +60,7 @@ def kind_of(end):
 
 def test_each_kind_of_example_is_there():
     assert len(FILTERS) == len(LAUNCHES) == 2
-    assert {*FILTERS, *LAUNCHES, AGGREGATOR} == set(EXAMPLES)
+    assert {*FILTERS, *LAUNCHES, AGGREGATOR, DOCKING} == set(EXAMPLES)
 
 
 def test_the_aggregator_expects_the_nodes_of_a_follower_and_knows_those_of_the_demonstration():
@@ -68,6 +69,15 @@ def test_the_aggregator_expects_the_nodes_of_a_follower_and_knows_those_of_the_d
     assert set(light["expected"]) == follower
     others = {"follower_node", "view_node", "rviz2", "ros2_bag"}
     assert set(light["contains"]) == set(PROCESSES) - others
+
+
+def test_a_dock_is_detected_by_a_pose_of_the_estimator_in_the_frame_of_the_docking_server(topics):
+    (detected,) = re.findall(r"detected_dock_pose:=(\w+)", DOCKING.read_text(encoding="utf-8"))
+    assert topics[detected] == "geometry_msgs/msg/PoseStamped"
+    server = read(DOCKING)["docking_server"]["ros__parameters"]
+    assert server["base_frame"] == PARAMETERS["base_frame"].default
+    lamp = server["lamp"]
+    assert lamp["staging_x_offset"] < lamp["external_detection_translation_x"] < 0
 
 
 @NAMED

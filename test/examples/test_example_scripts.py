@@ -1,5 +1,6 @@
 """The scripts of ``examples/`` run as they stand, and find what they made."""
 
+import re
 import runpy
 from pathlib import Path
 
@@ -42,6 +43,19 @@ def test_a_track_is_nearer_to_the_truth_than_its_frames(run, compiled_fit, tmp_p
     assert_picture(tmp_path / "y.png", 600, 400)
 
 
+def test_detectors_look_along_the_radius_of_their_sphere(run, capsys):
+    scene = run("detectors")["scene"].array
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == scene.detectors_per_side**2
+    for line in lines:
+        *place, yaw, pitch = (float(number) for number in re.findall(r"-?\d+\.\d+", line))
+        yaw, pitch = np.radians([yaw, pitch])
+        ray = [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch)]
+        np.testing.assert_allclose(place, scene.radius_m * np.array(ray), atol=1e-4)
+    # The first is above and to port.
+    assert min(float(word) for word in lines[0].split()[1:3]) > 0
+
+
 def test_they_are_short():
-    for name in ("images", "pose", "track"):
+    for name in ("detectors", "images", "pose", "track"):
         assert len((EXAMPLES / f"{name}.py").read_text().splitlines()) <= 30

@@ -47,7 +47,7 @@ CAUSES = {
     "no leader pose at the follower's stamp": "Its odometry has a gap or begins later.",
     "frames differ": "The odometries are in two frames.",
     "no input": "Nothing came that the node could answer.",
-    "several publishers": "Two nodes publish on one topic, as where runs are mixed.",
+    "several publishers": "Two nodes publish on one topic.",
     "mismatch": (
         "Many images differ from the scene by more than its prior, best explained by what the text"
         " names. The track is then so uncertain that the follower stops."

@@ -92,7 +92,7 @@ VALUES = (
     (
         "`method`, `fit`",
         "estimator",
-        "the method; its fit, compiled or, slower with the same answers, as it stands",
+        "the method; its fit, compiled or, slower, as it stands",
     ),
     ("`angle_rad`, `runner_up_angle_rad`", "estimator", "spectral angle to the best signatures"),
     (
@@ -346,7 +346,7 @@ def diagnostics() -> list[str]:
 
 def reason_lists(cures: Mapping[str, str]) -> list[str]:
     """Return a list of causes and cures, and one for each cure that many kinds share."""
-    common = [cure for cure, count in Counter(cures.values()).items() if count > 2]
+    common = [cure for cure, count in Counter(cures.values()).items() if count > 1]
     lines = [
         f"- `{kind}`: {CAUSES[kind]} *{cure}*" for kind, cure in cures.items() if cure not in common
     ]
@@ -389,10 +389,9 @@ def meaning_and_default(text: str) -> tuple[str, str]:
 
 
 def option_list(options: Mapping[str, tuple[str, str]]) -> str:
-    """Return options, and settings such as ``NAME=UNIT``, with their meanings and defaults."""
+    """Return options with their meanings and defaults."""
     return "\n".join(
-        f"- `{'' if name.startswith('-') or '=' not in name else '--set '}{name}`: {meaning}"
-        + f" ({default})" * bool(default)
+        f"- `{name}`: {meaning}" + f" ({default})" * bool(default)
         for name, (meaning, default) in options.items()
     )
 
@@ -420,6 +419,7 @@ def commands() -> list[str]:
         for (name, meaning), found in defaults.items()
         if len(found) > 1
     }
+    settings = [name for name in common if re.match(r"\w+=", name)]
     parts = [
         "# Commands",
         "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`, otherwise "
@@ -427,16 +427,18 @@ def commands() -> list[str]:
         "code is 1 if the result is negative, such as a lost leader, 2 for a bad value, and 130 "
         "after Ctrl-C; a study then reports what it has.",
         "## Common options",
-        option_list(common),
+        option_list({name: of for name, of in common.items() if name not in settings}),
+        "By `--set`, of a bag:",
+        option_list({name: common[name] for name in settings}),
     ]
     for parser in parsers:
-        own, shared = {}, []
-        for name, (meaning, default) in options_of(parser).items():
+        own, shared, found = {}, [], options_of(parser)
+        for name, (meaning, default) in found.items():
             meant, of_all = common.get(name, ("", ""))
-            if meant == meaning:
+            if meant == meaning and name not in settings:
                 of_this = f" ({default})" * (default != of_all)
-                shared.append(f"`{name.split()[0].rstrip(',').partition('=')[0]}`{of_this}")
-            else:
+                shared.append(f"`{name.split()[0].rstrip(',')}`{of_this}")
+            elif name not in settings or not found.keys() >= set(settings):
                 own[name] = meaning, default
         name = parser.prog.split()[-1]
         page = READ_MORE.get(name, f"results/{name}.md")

@@ -1,13 +1,12 @@
 """The options of commands that read a recorded bag, and the bag read by them."""
 
 import argparse
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 
 from uuv_optical_array.cli import options, progress
-from uuv_optical_array.core.settings import Setting, declared
+from uuv_optical_array.cli.options import Settings
+from uuv_optical_array.core.settings import declared
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.recording.images import Recording, Topics, read_recording
@@ -17,14 +16,12 @@ POSES = declared(read_recording)
 
 
 def add_bag(
-    parser: argparse.ArgumentParser,
-    required: bool = True,
-    others: Mapping[str, Setting] = MappingProxyType({}),
+    parser: argparse.ArgumentParser, required: bool = True, others: Settings | None = None
 ) -> None:
     """Add the bag, and as settings how it is read, and others."""
     about = "rosbag2's folder, or its .mcap or .db3 file"
     parser.add_argument("bag", type=Path, nargs=None if required else "?", help=about)
-    options.add_set(parser, {**TOPICS, **POSES, **others})
+    options.add_set(parser, {**TOPICS, **POSES, **(others or {})})
 
 
 def read_bag(args: argparse.Namespace, scene: Scene, poses_needed: bool = True) -> Recording:
@@ -33,5 +30,4 @@ def read_bag(args: argparse.Namespace, scene: Scene, poses_needed: bool = True) 
     settings = dict(args.set)
     topics = Topics(*(settings[name] for name in TOPICS))
     how = {name: settings[name] for name in POSES}
-    lamps = scene.lamp_count
-    return read_recording(path, scene.array, topics, over, poses_needed, lamps, **how)
+    return read_recording(path, scene.array, topics, over, poses_needed, scene.lamp_count, **how)

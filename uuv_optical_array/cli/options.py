@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, TypeAlias, get_args
 
 from uuv_optical_array.core.settings import Place, Quantity, Setting, check, declared, unknown
 from uuv_optical_array.estimation.estimator import EstimatorSettings
@@ -13,6 +13,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.programs import INTERRUPTED as INTERRUPTED
 
+Settings: TypeAlias = Mapping[str, Setting]
 SEED = Quantity("seed of all random numbers", "", 0, 2**32 - 1)
 
 
@@ -103,7 +104,7 @@ def add_setting(parser: Any, name: str, setting: Setting) -> None:
     parser.add_argument(f"--{name.replace('_', '-')}", help=text.replace("%", "%%"), **words)
 
 
-def assigned(word: str, settings: Mapping[str, Setting]) -> tuple[str, str]:
+def assigned(word: str, settings: Settings) -> tuple[str, str]:
     """Part NAME=VALUE; ValueError for a name of none of the settings, or no value."""
     name, equals, text = word.partition("=")
     if name not in settings:
@@ -113,7 +114,7 @@ def assigned(word: str, settings: Mapping[str, Setting]) -> tuple[str, str]:
     return name, text
 
 
-def add_set(parser: argparse.ArgumentParser, settings: Mapping[str, Setting]) -> None:
+def add_set(parser: argparse.ArgumentParser, settings: Settings) -> None:
     """Add the option of settings, which the help lists; ``dict(args.set)`` has all values."""
 
     def read(word: str) -> tuple[str, Any]:

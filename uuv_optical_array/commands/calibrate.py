@@ -39,9 +39,11 @@ from uuv_optical_array.plots.style import array_image, new_figure, save
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.places import LEAST_STD, with_places
 
+POSITION = Quantity("standard deviation of x, y and z; 0: exact", "m", 0, 10)
+ATTITUDE = Quantity("of pitch and yaw; 0: exact", "deg", 0, 90)
 STDS = {
-    "position_std_m": Quantity("standard deviation of x, y and z; 0: exact", "m", 0, 10),
-    "attitude_std_deg": Quantity("of pitch and yaw; 0: exact", "deg", 0, 90),
+    "position_std_m": Setting(float, POSITION, 0.0, optional=False),
+    "attitude_std_deg": Setting(float, ATTITUDE, 0.0, optional=False),
 }
 SHOWN_IMAGES = 5
 EDGE = 4.0  # standard deviations; residuals beyond are drawn there
@@ -49,8 +51,7 @@ EDGE = 4.0  # standard deviations; residuals beyond are drawn there
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    stds = {name: Setting(float, quantity, 0.0, False) for name, quantity in STDS.items()}
-    bag.add_bag(parser, others=stds)
+    bag.add_bag(parser, others=STDS)
     options.add_scene(parser, "follow")
     outputs.add_scene_file(parser, "calibrated.yaml")
     outputs.add_picture(parser, None, "--picture", "draw the residuals")

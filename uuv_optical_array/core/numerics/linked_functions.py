@@ -1,14 +1,17 @@
 """Inner functions that Numba compiles only into their callers, in half of the time.
 
 Numba optimises and emits each function by itself and once more in each caller. An inner function
-is called from compiled code alone, so its library here is only linked into that of its caller. This
-uses Numba's internals, so only in versions in which it was tried; others compile as usual.
+is called from compiled code alone, so its library here is only linked into that of its caller. And
+a tenth of the time Numba compares options, and takes values apart to count what they do not hold.
+This uses Numba's internals, so only in versions in which it was tried; others compile as usual.
 """
 
+from functools import cache
 from typing import Any
 
 import numba
 from numba.core import codegen, compiler
+from numba.core.runtime.context import NRTContext
 
 TRIED = ("0.68.",)  # versions, by their beginning
 
@@ -60,6 +63,32 @@ def _collect(library: Any, needed: dict[Any, None]) -> None:
                 _collect(other, needed)
 
 
+class _Flags(compiler.Flags):
+    """Options of a function, which each operation in it compares with those of others."""
+
+    def __hash__(self) -> int:
+        return len(self._values)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, compiler.Flags) and self._values == other._values
+
+
+class _References(NRTContext):
+    """Counts references to arrays; what holds none is not taken apart for that."""
+
+    def get_meminfos(self, builder: Any, kind: Any, value: Any) -> list[Any]:
+        models = self._context.data_model_manager
+        if models[kind].has_nrt_meminfo():
+            return [(kind, models[kind].get_nrt_meminfo(builder, value))]
+        parts = [part for part in models[kind].traverse(builder) if _counted(models, part[0])]
+        return [at for each, get in parts for at in self.get_meminfos(builder, each, get(value))]
+
+
+@cache
+def _counted(models: Any, kind: Any) -> bool:
+    return bool(models[kind].contains_nrt_meminfo())
+
+
 class _InnerCompiler(compiler.Compiler):
     library: Any = _InnerLibrary
 
@@ -68,6 +97,8 @@ class _InnerCompiler(compiler.Compiler):
             library = self.library(target.codegen(), "linked")
             library.enable_object_caching()
         super().__init__(typing, target, library, *arguments)
+        self.state.flags, own = _Flags(self.state.flags), self.state.targetctx
+        own.nrt = _References(own, own.enable_nrt)
 
 
 class _OuterCompiler(_InnerCompiler):

@@ -46,7 +46,7 @@ def compiled(function: Callable[..., Any]) -> Any:
         before = numba.config.CACHE_DIR
         numba.config.CACHE_DIR = str(folder or before)
         try:
-            return numba.njit(cache=folder is not None, **options)(twin)
+            return numba.njit(cache=folder is not None, no_cfunc_wrapper=True, **options)(twin)
         finally:
             numba.config.CACHE_DIR = before
 

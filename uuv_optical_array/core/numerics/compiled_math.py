@@ -5,6 +5,7 @@ vectors; the library's would be a call for each number.
 """
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,8 @@ ROUND = 1.5 * 2.0**52  # added to a number it leaves the nearest whole one in th
 MOST_ON_STACK = 4096  # numbers
 ASYMPTOTIC = 25.0  # from here a series of the scaled complementary error function is exact
 
-inlined = njit(forceinline=True, error_model="numpy", fastmath={"contract"})
+within = partial(njit, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inner, inlined = within(), within(forceinline=True, fastmath={"contract"})
 
 
 @inlined
@@ -112,7 +114,7 @@ def cosine(angle):
     return 1 - 2 * sine * sine
 
 
-@njit(error_model="numpy")
+@inner
 def scaled_complementary_error(x):
     """Return exp(x^2) erfc(x), x > -26."""
     if x < ASYMPTOTIC:
@@ -121,13 +123,13 @@ def scaled_complementary_error(x):
     return (1 - s * (1 - 3 * s * (1 - 5 * s * (1 - 7 * s)))) / (x * math.sqrt(math.pi))
 
 
-@njit(error_model="numpy")
+@inner
 def normal_distribution(u):
     """Return the normal distribution function."""
     return 0.5 * math.erfc(u * -math.sqrt(0.5))
 
 
-@njit(error_model="numpy")
+@inner
 def log_normal_distribution(u):
     """Return the logarithm of the normal distribution function."""
     if u > -1.0:
@@ -144,7 +146,7 @@ def stack(*components):
     return values
 
 
-@njit(error_model="numpy")
+@inner
 def sandwich(matrix, images):
     """As `elementwise.sandwich`, of one pose."""
     side = len(matrix)

@@ -6,7 +6,6 @@ a tenth of the time Numba compares options, and takes values apart to count what
 This uses Numba's internals, so only in versions in which it was tried; others compile as usual.
 """
 
-from functools import cache
 from typing import Any
 
 import numba
@@ -37,12 +36,6 @@ class _InnerLibrary(codegen.JITCodeLibrary):
             if not function.is_declaration:
                 function.linkage = "linkonce_odr"  # as Numba links what may come twice
         self._finalized = True
-
-    def _get_module_for_linking(self) -> Any:
-        return self._final_module
-
-    def get_pointer_to_function(self, name: str) -> int:
-        return 0
 
 
 class _OuterLibrary(codegen.JITCodeLibrary):
@@ -80,13 +73,9 @@ class _References(NRTContext):
         models = self._context.data_model_manager
         if models[kind].has_nrt_meminfo():
             return [(kind, models[kind].get_nrt_meminfo(builder, value))]
-        parts = [part for part in models[kind].traverse(builder) if _counted(models, part[0])]
-        return [at for each, get in parts for at in self.get_meminfos(builder, each, get(value))]
-
-
-@cache
-def _counted(models: Any, kind: Any) -> bool:
-    return bool(models[kind].contains_nrt_meminfo())
+        parts = models[kind].traverse(builder)
+        held = [part for part in parts if models[part[0]].contains_nrt_meminfo()]
+        return [at for each, get in held for at in self.get_meminfos(builder, each, get(value))]
 
 
 class _InnerCompiler(compiler.Compiler):

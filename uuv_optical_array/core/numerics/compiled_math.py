@@ -151,7 +151,8 @@ def sandwich(matrix, images):
     """As `elementwise.sandwich`, of one pose."""
     side = len(matrix)
     rows = images.reshape(-1, side)
-    half = np.dot(rows, matrix.T)
+    half = np.empty((len(rows), side))
+    np.dot(rows, matrix.T.copy(), half)
     for i in range(0, len(rows), side):
         np.dot(matrix, half[i : i + side], rows[i : i + side])
 

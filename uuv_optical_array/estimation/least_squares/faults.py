@@ -124,7 +124,10 @@ def leave_out(problem: Problem, poses: Array, roots: Array, count: int) -> bool:
     for j in range(len(readings)):
         weights[j] = best[j]
     # A detector that bends the fit is not far off, and another one in its place.
-    for place in np.flatnonzero(best[:detectors] == 0):
+    suspects = best
+    for place in range(detectors):
+        if suspects[place] > 0:
+            continue
         if misfit(problem, at).score < WELL:
             break
         swapped = place

@@ -308,7 +308,9 @@ def moments_of(lattice: Lattice, logs: Array) -> PosteriorMoments:
     """Return the moments of the first m nodes of a lattice, by logarithms of their weights."""
     mean, second = np.zeros(5), np.zeros((5, 5))
     poses, covariances = lattice.poses, lattice.covariances
-    whole, nodes, largest = 0.0, 0, logs.max()
+    whole, nodes, largest = 0.0, 0, logs[0]
+    for log in logs:
+        largest = max(largest, log)
     for i in range(len(logs)):
         weight = np.exp(logs[i] - largest)
         whole += weight

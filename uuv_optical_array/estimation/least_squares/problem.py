@@ -133,8 +133,9 @@ def problem_of(
 
 def lit(problem: Problem) -> int:
     """Count the readings that are clearly lit, less those at full scale."""
-    clear = max(3 * np.sqrt(problem.noise.variance), LIT_SHARE * problem.readings.max())
-    count = 0
+    clear, count = 3 * np.sqrt(problem.noise.variance), 0
+    for reading in problem.readings:
+        clear = max(clear, LIT_SHARE * reading)
     for reading in problem.readings:
         if reading >= problem.noise.high:
             count -= 1

@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr
 from scipy.stats import chi2
 
+from uuv_optical_array.estimation.least_squares.frame import nearest_rows
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
@@ -314,3 +315,11 @@ def test_what_only_one_lamp_has_is_told_by_the_readings_of_that_lamp_alone():
         np.testing.assert_allclose(told[GRADIENT], whole[GRADIENT], rtol=1e-9)
         told, whole = told[INFORMATION:], whole[INFORMATION:]
         np.testing.assert_allclose(told, whole, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
+
+
+@pytest.mark.parametrize("count", [1, 4, 7])
+def test_an_image_whose_direction_is_no_number_starts_from_rows_that_there_are(count):
+    units = np.random.default_rng(1).normal(size=(6, 40))
+    np.full(count, -(2**40), dtype=np.int64)  # what memory may hold that is given out again
+    rows, _ = nearest_rows(units, np.full(6, np.nan), count)
+    assert ((rows >= 0) & (rows < units.shape[1])).all()

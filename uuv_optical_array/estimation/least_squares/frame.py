@@ -117,7 +117,7 @@ def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
     squares = np.zeros(units.shape[1])
     for k in range(len(unit)):
         squares += (units[k] - unit[k]) ** 2
-    rows, chords = np.empty(count, dtype=np.int64), np.full(count, np.inf)
+    rows, chords = np.zeros(count, dtype=np.int64), np.full(count, np.inf)
     for row in range(len(squares)):
         if squares[row] < chords[count - 1]:
             place = count - 1

@@ -97,7 +97,7 @@ class LastingResiduals:
         return f"{self._names[error]} is off by {size:+.2g} (chance {chance:.0e})"
 
     def begin_anew(self, mismatch: str) -> None:
-        """Forget all frames; go on saying what they left until those of a whole window show none."""
+        """Forget all frames, and say what they left until those of a whole window show none."""
         if self._tests:
             self.mismatch = mismatch
             self._begin(0)

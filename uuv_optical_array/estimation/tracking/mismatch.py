@@ -23,16 +23,18 @@ from scipy.special import chdtrc
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import Biases, BiasSpace
+from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.prior import POWER, shade_modes
 
 MOST_TESTED = 49  # detectors
 # Frames of a window are tested together with those of the one before, so often.
 WINDOW_S, CHECK_S = 30.0, 2.0
-# A mismatch is said for so long before what was learnt is forgotten: a window's last test is over.
-MOST_SAID_S = WINDOW_S + 2 * CHECK_S
+# A mismatch is said for so long before what was learnt is forgotten.
+MOST_SAID_S = 2 * WINDOW_S
 EVENNESS, MOST_UNEVEN = "the evenness of the light", 0.6
 MOSTLY_UNEVEN = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s, or since the first"
+LEARNT_OFF = "what was learnt of the scene is off: its prior fits images that this does not"
 # Of the frames since the first, where these are of LEAST_S or more: a cloud comes after clear ones.
 MOST_OF_ALL, LEAST_S = 0.75, 3.0
 LEAST = 1 - math.exp(-LEAST_S / WINDOW_S)  # the same, as a share of the window
@@ -78,7 +80,7 @@ class LastingResiduals:
         column = np.tile(np.eye(side), (side, 1))
         patterns = np.hstack([row, column, modes.T])
         self._directions[q : q + side**2, size:] = patterns
-        self._begin(0)
+        self._begin(LONG_AGO_NS)
 
     def beyond_prior(self, biases: Biases, space: BiasSpace) -> str:
         """Return what is learnt to be as the prior hardly allows, of constants, or with gains."""
@@ -100,7 +102,7 @@ class LastingResiduals:
         """Forget all frames, and say what they left until those of a whole window show none."""
         if self._tests:
             self.mismatch = mismatch
-            self._begin(0)
+            self._begin(LONG_AGO_NS)
 
     def _begin(self, stamp_ns: int, after_ns: int = 0) -> None:
         """Begin a window, so long after the start of the last one, if that still counts."""

@@ -51,7 +51,11 @@ from uuv_optical_array.estimation.tracking.measurement import (
     checked_pose,
     checked_readings,
 )
-from uuv_optical_array.estimation.tracking.mismatch import MOST_SAID_S, LastingResiduals
+from uuv_optical_array.estimation.tracking.mismatch import (
+    LEARNT_OFF,
+    MOST_SAID_S,
+    LastingResiduals,
+)
 from uuv_optical_array.estimation.tracking.motion import (
     LONG_AGO_NS,
     OwnMotion,
@@ -169,7 +173,7 @@ class Tracker:
         - ValueError: for a pose, covariance or readings of wrong shape or out of bounds.
         """
         if self._mismatch and stamp_ns - self._mismatch_ns > MOST_SAID_S * 1e9:
-            self.forget(stamp_ns)  # it may be over, and what it taught is wrong
+            self.forget(stamp_ns, self._mismatch)  # it may be over, and what it taught is wrong
         s, history, previous = self._settings, self._history, self._previous
         if readings is not None:
             readings = checked_readings(readings, self._constants)
@@ -252,13 +256,14 @@ class Tracker:
             return False
         return stamp_ns - self._history[-1][1].taken_ns > self._reset_ns
 
-    def forget(self, stamp_ns: int) -> None:
+    def forget(self, stamp_ns: int, mismatch: str = LEARNT_OFF) -> None:
         """Begin anew with the next frame, of this stamp, ns, and nothing learnt.
 
-        A mismatch that was said is said until the new frames show none.
+        A mismatch is said until the new frames show none, as what they teach may be wrong again.
         """
-        self._history, self._previous, self._mismatch_ns = [], None, stamp_ns
-        self._residuals.begin_anew(self._mismatch)
+        self._history, self._previous = [], None
+        self._mismatch, self._mismatch_ns = mismatch, stamp_ns
+        self._residuals.begin_anew(mismatch)
 
     def expected(self, stamp_ns: int) -> Expected:
         """Return what is known of a frame before its image: the prior of its fit.

@@ -428,7 +428,7 @@ def commands() -> list[str]:
         "after Ctrl-C; a study then reports what it has.",
         "## Common options",
         option_list({name: of for name, of in common.items() if name not in settings}),
-        "By `--set`, of a bag:",
+        "By `--set`, of a bag (`calibrate` takes no commands):",
         option_list({name: common[name] for name in settings}),
     ]
     for parser in parsers:
@@ -438,7 +438,7 @@ def commands() -> list[str]:
             if meant == meaning and name not in settings:
                 of_this = f" ({default})" * (default != of_all)
                 shared.append(f"`{name.split()[0].rstrip(',')}`{of_this}")
-            elif name not in settings or not found.keys() >= set(settings):
+            elif name not in settings or len(found.keys() & {*settings}) == 1:
                 own[name] = meaning, default
         name = parser.prog.split()[-1]
         page = READ_MORE.get(name, f"results/{name}.md")

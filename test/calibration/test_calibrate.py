@@ -19,7 +19,7 @@ from uuv_optical_array.commands.calibrate import draw_calibration
 from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.recording.images import Topics, read_recording
+from uuv_optical_array.recording.images import read_recording
 
 pytestmark = rosbags
 
@@ -172,8 +172,9 @@ def test_a_namespaced_stack_in_ned_axes_is_read_by_its_topics(recorded, tmp_path
             data = store().serialize_cdr(message, TYPES["odometry"])
         messages.append(("/rov" + topic, bytes(data)))
     bag = write_bag(tmp_path / "ned", messages, version=8)
-    topics = Topics("rov/array/image", "/rov/leader/odometry", "rov/follower/odometry/")
-    found = read_recording(bag, ARRAY, topics, beacon_position_m=BEACON, odometry_axes="frd")
+    names = "rov/array/image", "/rov/leader/odometry", "rov/follower/odometry/"
+    topics = dict(zip(("image_topic", "leader_topic", "follower_topic"), names, strict=True))
+    found = read_recording(bag, ARRAY, beacon_position_m=BEACON, odometry_axes="frd", **topics)
     assert len(found.images) > 20
     expected = [relative_at(t * 1e-9)[0] for t in found.stamps_ns]
     np.testing.assert_allclose(found.poses, expected, atol=1e-9)

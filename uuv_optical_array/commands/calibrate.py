@@ -45,13 +45,15 @@ STDS = {
     "position_std_m": Setting(float, POSITION, 0.0, optional=False),
     "attitude_std_deg": Setting(float, ATTITUDE, 0.0, optional=False),
 }
+# The fit makes no use of commands.
+SETTINGS = {name: how for name, how in bag.READING.items() if name != "commands_topic"} | STDS
 SHOWN_IMAGES = 5
 EDGE = 4.0  # standard deviations; residuals beyond are drawn there
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    bag.add_bag(parser, others=STDS)
+    bag.add_bag(parser, SETTINGS)
     options.add_scene(parser, "follow")
     outputs.add_scene_file(parser, "calibrated.yaml")
     outputs.add_picture(parser, None, "--picture", "draw the residuals")

@@ -20,17 +20,14 @@ that publishes its images. Ctrl-C writes nothing.
 import argparse
 import dataclasses
 from functools import partial
-from pathlib import Path
 
 from uuv_optical_array.calibration.acceptance import Acceptance, in_air
 from uuv_optical_array.calibration.wiring import TorchSweeps, description
-from uuv_optical_array.cli import options, outputs
+from uuv_optical_array.cli import bag, options, outputs
 from uuv_optical_array.core.extras import needs
-from uuv_optical_array.core.settings import Quantity, declared
-from uuv_optical_array.core.storage import files
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
-from uuv_optical_array.recording.images import Topics, read_recording
 
 MODULATED = "the array sees modulated light only: move one of the lamps, lit, in place of the torch"
 AHEAD = "then test with the lamp so far ahead of base_link: the acceptance test"
@@ -40,9 +37,7 @@ LAMP = Quantity(AHEAD, "m", 0.3, 100)
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
-    about = "rosbag2's folder, or its .mcap or .db3 file (default: listen to the topic)"
-    parser.add_argument("bag", type=Path, nargs="?", help=about)
-    options.add_set(parser, {"image_topic": declared(Topics)["image"]})
+    bag.add_bag(parser, {"image_topic": bag.READING["image_topic"]}, "listen to the topic")
     options.add_number(parser, "lamp", LAMP, None, float)
     about = "on deck: without water, a wider beam"
     parser.add_argument("--in-air", action="store_true", help=about)
@@ -75,8 +70,8 @@ def run(args: argparse.Namespace) -> int:
             scene.lamp_count,
         )
     else:
-        bag, topics = files.user_path(args.bag), Topics(dict(args.set)["image_topic"])
-        recording = read_recording(bag, array, topics, poses_needed=False, lamps=scene.lamp_count)
+        as_wired = dataclasses.replace(scene, array=array)
+        recording = bag.read_bag(args, as_wired, poses_needed=False)
         for stamp, image in zip(recording.stamps_ns, recording.images, strict=True):
             sweeps.take(int(stamp), image)
         sweeps.end_sweep()

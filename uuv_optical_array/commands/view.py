@@ -33,7 +33,7 @@ SCREENSHOT_S = 45.0  # time of the simulation or the bag that --screenshot shows
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    bag.add_bag(parser, required=False)
+    bag.add_bag(parser, without="simulate")
     options.add_scene(parser, "follow")
     options.add_method(parser)
     options.add_number(parser, "seed", SEED, None, int)
@@ -58,6 +58,8 @@ def run(args: argparse.Namespace) -> int:
     from uuv_optical_array.view.simulation import simulate
 
     picture = args.screenshot and outputs.file_to_write(args.screenshot, "--screenshot", (".png",))
+    if args.bag is None and (given := args.set[len(bag.READING) :]):
+        raise options.OptionError(f"--set {given[0][0]}: no bag is read; name one, or leave it out")
     scene = options.scene_of(args)
     recording = bag.read_bag(args, scene, poses_needed=False) if args.bag else None
     with ExitStack() as stack:

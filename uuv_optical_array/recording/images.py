@@ -22,16 +22,6 @@ CLOCK_RESET_NS = 1_000_000_000  # no message is so late: the clock was set back
 
 
 @dataclass(frozen=True)
-class Topics:
-    """Names of the topics; a leading slash does not matter."""
-
-    image: Annotated[str, Quantity("of the images")] = "array/image"
-    leader: Annotated[str, Quantity("of the leader's odometry")] = "leader/odometry"
-    follower: Annotated[str, Quantity("of the follower's odometry")] = "follower/odometry"
-    commands: Annotated[str, Quantity("of the follower's commands, for a track")] = "cmd_vel"
-
-
-@dataclass(frozen=True)
 class Recording:
     """Images of a bag in the order of their stamps."""
 
@@ -103,11 +93,14 @@ def _connections(reader: Any, name: str, msgtype: str, kind: str) -> list[Any]:
 def read_recording(
     path: Path,
     array: Readout,
-    topics: Topics = Topics(),
     progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
     poses_needed: bool = True,
     lamps: int = 1,
     *,
+    image_topic: Annotated[str, Quantity("of the images")] = "array/image",
+    leader_topic: Annotated[str, Quantity("of the leader's odometry")] = "leader/odometry",
+    follower_topic: Annotated[str, Quantity("of the follower's odometry")] = "follower/odometry",
+    commands_topic: Annotated[str, Quantity("of the follower's commands, for a track")] = "cmd_vel",
     beacon_position_m: Annotated[Place, messages.BEACON_POSITION] = (0.0, 0.0, 0.0),
     odometry_axes: Annotated[Axes, Quantity("of base_link in both odometries")] = "flu",
     max_gap_s: Annotated[float, MAX_GAP] = MAX_GAP_S,
@@ -120,6 +113,7 @@ def read_recording(
     - array: the array that every image must be of.
     - poses_needed: leave out images without a known pose; otherwise odometries may be missing.
     - lamps: how many an image shows.
+    - image_topic and the other topics: with or without a leading slash.
     - beacon_position_m and what follows: as the nodes' parameters; axes as of `odometry_pose`.
     - ValueError: for a bag that cannot be read, a topic that is missing or of another type,
       odometries in two frames, a clock that was set back, or a bag without a valid image.
@@ -131,15 +125,16 @@ def read_recording(
         if not reader.message_count:
             raise ValueError("; ".join(["it is empty", *lost]))
         streams, connections = {}, []
-        for kind, msgtype in (("image", IMAGE), ("leader", ODOMETRY), ("follower", ODOMETRY)):
-            name = "/" + vars(topics)[kind].strip("/")
+        topics = {"image": image_topic, "leader": leader_topic, "follower": follower_topic}
+        for kind, topic in topics.items():
+            name, msgtype = "/" + topic.strip("/"), IMAGE if kind == "image" else ODOMETRY
             if poses_needed or msgtype == IMAGE or name in reader.topics:
                 connections += _connections(reader, name, msgtype, kind)
             streams[name] = _Stream(name)
         if len(streams) < 3:
             raise ValueError("leader and follower have one topic; name both")
         image, leader, follower = streams.values()
-        commands = _Stream("/" + topics.commands.strip("/"))
+        commands = _Stream("/" + commands_topic.strip("/"))
         streams.setdefault(commands.topic, commands)
         connections += [
             c for c in reader.connections if (c.topic, c.msgtype) == (commands.topic, TWIST)

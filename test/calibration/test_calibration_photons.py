@@ -6,8 +6,8 @@ from calibrated_seas import AIMS, TURNED, drive, named, seen
 
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.core.geometry import turned_about_beam
-from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.effects.waters import PETZOLD_PER_M
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.photon_transport import Lamp, shipped_pencil
 
@@ -19,10 +19,10 @@ def test_photons_tell_their_water_and_where_lamp_and_array_point(water):
     views, rolls = seen(poses, np.zeros(100), TURNED, scene.array.bow_m)
     # Photons take no roll: what rolls is turned about the beam until it is level.
     views = [turned_about_beam(view, -roll) for view, roll in zip(views, rolls, strict=True)]
-    array = build_array(scene.array)
+    model = ForwardModel(scene)
     lamp = Lamp(shipped_pencil(water), np.radians(7.5))
-    light = lamp.images(array, np.array(views))
-    images = 700 / lamp.images(array, np.array([[-4.0, 0, 0, 0, 0]])).max() * light + 10
+    light = lamp.images(model, np.array(views))
+    images = 700 / lamp.images(model, np.array([[-4.0, 0, 0, 0, 0]])).max() * light + 10
     images = np.clip(np.round(images + rng.normal(size=images.shape)), 0, 1023)
     found = calibrate(scene, images, poses)
     parameters = named(found)

@@ -9,7 +9,7 @@ from numpy.polynomial.legendre import leggauss
 from scipy.integrate import quad
 from trace_photons import ASYMMETRY, INDEX, PHASES, SLOPE, make, quantiles, trace
 
-from uuv_optical_array.forward.array import build_array
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies import photon_transport
 from uuv_optical_array.studies.photon_transport import (
@@ -26,7 +26,7 @@ from uuv_optical_array.studies.photon_transport import (
 SIGMAS = 5
 MIDDLES = (EDGES[1:] + EDGES[:-1]) / 2
 SCENE = load_scene("reference")
-ARRAY, POSE = build_array(SCENE.array), np.array([-5.0, 0.4, -0.3, 0.1, -0.2])
+MODEL, POSE = ForwardModel(SCENE), np.array([-5.0, 0.4, -0.3, 0.1, -0.2])
 RAYS = second_forward.rays(SCENE.settings()["array"], POSE)
 SPHERES = [2, 6, 10, 16]  # of 2, 4, 6 and 9 m
 
@@ -86,7 +86,7 @@ def test_water_that_does_not_scatter_leaves_a_gaussian_beam():
     nothing = np.zeros((len(RADII_M), len(MIDDLES)))
     lamp = Lamp(Pencil(0.3, 0.2, "henyey_greenstein", 1, nothing, nothing, nothing), 0.15)
     light = [second_forward.ideal(ray, np.degrees(0.15)) * np.exp(-0.5 * ray[0]) for ray in RAYS]
-    assert lamp.images(ARRAY, POSE[None]).ravel() == pytest.approx(light, rel=1e-9)
+    assert lamp.images(MODEL, POSE[None]).ravel() == pytest.approx(light, rel=1e-9)
 
 
 def test_a_detector_reads_the_flux_through_its_face():
@@ -97,7 +97,7 @@ def test_a_detector_reads_the_flux_through_its_face():
     radial, away = lamp.vector(r, eta)
     light = np.maximum(-((radial * place / r + away * off) * normals).sum(axis=0), 0)
     assert (away > 0.01 * radial).all()
-    assert lamp.images(ARRAY, POSE[None]).ravel() == pytest.approx(light, rel=1e-9)
+    assert lamp.images(MODEL, POSE[None]).ravel() == pytest.approx(light, rel=1e-9)
 
 
 @pytest.mark.parametrize("phase", [*PHASES, "isotropic"])
@@ -194,7 +194,7 @@ def test_a_scene_keeps_its_reference_reading_and_its_gains_in_the_water_of_photo
     light = sea.light(poses)
     assert light[0].max() == pytest.approx(scene.lamp.reference_counts)
     spread = scene.effects["responsivity"]["spread"]
-    bare = Lamp(pencil, np.radians(scene.lamp.beam_sigma_deg)).images(sea.model.array, poses)
+    bare = Lamp(pencil, np.radians(scene.lamp.beam_sigma_deg)).images(sea.model, poses)
     gains = light / bare
     assert gains[1] == pytest.approx(gains[0])
     assert np.std(gains[0] / gains[0].mean()) == pytest.approx(spread, rel=0.5)
@@ -211,4 +211,4 @@ def test_chance_is_as_large_as_stated():
 def test_places_beyond_the_spheres_are_refused():
     lamp = Lamp(shipped_pencil("clear"), 0.1)
     with pytest.raises(ValueError, match=r"photons are known from 1 to 10 m and up to 60 deg"):
-        lamp.images(ARRAY, np.array([[-12.0, 0, 0, 0, 0]]))
+        lamp.images(MODEL, np.array([[-12.0, 0, 0, 0, 0]]))

@@ -11,10 +11,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from uuv_optical_array.core.geometry import Array, lamp_in_body
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.effects.waters import PETZOLD_PER_M
+from uuv_optical_array.forward.light import AXIAL, COSINE, HALF_SQUARE, RANGE
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import detect
 from uuv_optical_array.forward.scene import Scene
@@ -88,26 +88,18 @@ class Lamp:
         radial = radial + np.exp(-extinction * range_m) * self.intensity(eta)
         return radial / range_m**2, away / range_m**2
 
-    def images(self, array: DetectorArray, poses: Array) -> Array:
-        """Return the light on an array at poses ``(m, 5)``, m and rad, shape ``(m, side, side)``.
+    def images(self, model: ForwardModel, poses: Array) -> Array:
+        """Return the light on a model's array at poses ``(m, 5)``, shape ``(m, side, side)``.
 
         It is the net flux through the face of each detector; 0 where that comes from behind.
         """
-        components = np.asarray(poses, float).T[..., None]
-        lamp = np.moveaxis(np.array(lamp_in_body(components, 0.0)), 0, -1)
-        ray = array.positions - lamp[..., :3]
-        range_m = np.linalg.norm(ray, axis=-1)
-        ray /= range_m[..., None]
-        axis = np.broadcast_to(lamp[..., 3:], ray.shape)
-        along = (ray * axis).sum(-1)
-        across = ray - along[..., None] * axis
-        sine = np.linalg.norm(across, axis=-1)
-        radial, away = self.vector(range_m, np.arctan2(sine, along))
-        # Across the ray, away from the axis.
-        side = (along / np.maximum(sine, 1e-12))[..., None] * across - sine[..., None] * axis
-        flux = radial[..., None] * ray + away[..., None] * side
-        light = np.maximum(-(flux * array.normals).sum(-1), 0.0)
-        return light.reshape(len(light), array.side, array.side)
+        rays = model.rays(poses, np.zeros(len(poses)))
+        eta, cosine = np.sqrt(2 * rays[HALF_SQUARE]), rays[COSINE]
+        radial, away = self.vector(rays[RANGE], eta)
+        # The normal's part across the ray, towards the axis.
+        lean = (cosine * np.cos(eta) + rays[AXIAL]) / np.maximum(np.sin(eta), 1e-12)
+        light = np.maximum(radial * cosine + away * lean, 0.0)
+        return light.reshape(len(poses), *model.image_shape)
 
 
 class PhotonSea:
@@ -125,7 +117,7 @@ class PhotonSea:
 
     def light(self, poses: Array) -> Array:
         """Return the light at poses ``(m, 5)``, counts, shape ``(m, side, side)``."""
-        images = self._power * self._lamp.images(self.model.array, poses)
+        images = self._power * self._lamp.images(self.model, poses)
         flat = images.reshape(1, len(poses), -1)
         detect(self._optics, np.zeros((0, len(poses), 1)), flat)
         return flat.reshape(images.shape)

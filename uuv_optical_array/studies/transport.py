@@ -25,7 +25,6 @@ from uuv_optical_array.core.geometry import YAW, Array, X, Y
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import columns, plain
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import HIGH, LOW, MIN_PEAK_COUNTS, uniform_poses
@@ -77,7 +76,7 @@ def law_beside(water: str, phase: photons.Phase, beam_deg: float, poses: Array) 
     """Compare the law with photons at poses: RMS in counts, power fitted, then a and b, too."""
     pencil = shipped_pencil(water, phase)
     lamp = Lamp(pencil, np.radians(beam_deg))
-    seen = lamp.images(build_array(load_scene("reference").array), poses)
+    seen = lamp.images(ForwardModel(load_scene("reference")), poses)
     seen *= BRIGHTEST / seen.max()
 
     def residual(logarithms: Array) -> Array:
@@ -197,7 +196,7 @@ def draw(beam_deg: float = 8.0) -> Any:
             poses[:, Y] = (range_m + ahead) * np.sin(PROFILE_RAD)
             poses[:, YAW] = -PROFILE_RAD
             law = model.light(poses)[:, middle, middle] / dimmed
-            seen = lamp.images(model.array, poses)[:, middle, middle] * model.power / dimmed
+            seen = lamp.images(model, poses)[:, middle, middle] * model.power / dimmed
             degrees = np.degrees(PROFILE_RAD)
             profile.plot(degrees, law, color=colour, lw=1.5)
             profile.plot(degrees, seen, "o", color=colour, ms=3.5)

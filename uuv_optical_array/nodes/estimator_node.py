@@ -58,8 +58,7 @@ PARAMETERS = {
         0.2, Quantity("largest time between an image and its roll", "s", 0.001, 10)
     ),
     "roll_std_rad": Parameter(
-        ROLL_STD_RAD,
-        Quantity("of the roll, from imu or taken as 0", "rad", 1e-6, 3),
+        ROLL_STD_RAD, Quantity("of the roll, from imu or taken as 0", "rad", 1e-6, 3)
     ),
     "use_commands": Parameter(True, Quantity("read the follower's own motion from cmd_vel"), True),
     "tracking": Parameter(True, Quantity("filter the poses and learn constants")),
@@ -75,9 +74,7 @@ PARAMETERS = {
         ("beacon", "base"),
     ),
     "leader_frame": Parameter(
-        "leader/base_link",
-        Quantity("above beacon_frame on /tf_static; empty: none"),
-        True,
+        "leader/base_link", Quantity("above beacon_frame on /tf_static; empty: none"), True
     ),
 }
 # What needs a new estimator, and what a new track.

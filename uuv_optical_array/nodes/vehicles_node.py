@@ -43,10 +43,7 @@ PARAMETERS = {
         1, Quantity("that a leader alone waits for: follower_1/cmd_vel, ...", "", 1, 100), True
     ),
     "vehicle_model": Parameter(
-        "kinematic",
-        Quantity("velocities within limits, or a BlueROV2 Heavy"),
-        True,
-        tuple(MODELS),
+        "kinematic", Quantity("velocities within limits, or a BlueROV2 Heavy"), True, tuple(MODELS)
     ),
     "current_m_per_s": Parameter([0.0, 0.0, 0.0], CURRENT),
     **parameters_of(WaveSettings),

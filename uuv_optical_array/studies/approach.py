@@ -110,10 +110,7 @@ def assumed_scene(scene: Scene, case: Case) -> Scene:
     settings["effects"]["attenuation"]["k_per_m"] = case.k_per_m
     settings["effects"]["ambient"]["level_counts"] = NOISE_COUNTS / 2
     settings["effects"]["sensor_noise"] = {"sigma_counts": NOISE_COUNTS / 12**0.5}
-    settings["prior"] = {
-        "lamp_power_std": TEMPERATURE_C * abs(GAIN_PER_C),
-        "k_std_per_m": K_PER_M,
-    }
+    settings["prior"] = {"lamp_power_std": TEMPERATURE_C * abs(GAIN_PER_C), "k_std_per_m": K_PER_M}
     return scene_from_settings(settings, scene.name)
 
 

@@ -14,10 +14,7 @@ SCENE = "ready scene's name or YAML file"
 COMMON = {
     "params_file": ("", "your parameters; others keep their default"),
     "use_sim_time": ("", "use simulated time, from /clock"),
-    "use_respawn": (
-        "false",
-        "start a dead node again; without, the launch ends with it",
-    ),
+    "use_respawn": ("false", "start a dead node again; without, the launch ends with it"),
     "rviz": ("false", "open RViz"),
     "rviz_config": ("", "a file for RViz"),
     "publish_tf": ("", "send poses to /tf; with rviz this is the default"),
@@ -28,15 +25,9 @@ FOLLOW = {
     "namespace": ("", "of the follower's nodes"),
     "frame_prefix": ("", "before each frame, such as `rov_2/`"),
     "leader_frame": ("", "the leader's frame on /tf"),
-    "one_process": (
-        "false",
-        "feature, estimator and formation node in follower_node",
-    ),
+    "one_process": ("false", "feature, estimator and formation node in follower_node"),
     "simulator": ("true", "simulate the images; not where an array takes them"),
-    "leader_odometry": (
-        "leader/odometry",
-        "topic, for followers that share a leader",
-    ),
+    "leader_odometry": ("leader/odometry", "topic, for followers that share a leader"),
     "demo": (
         "true",
         "run both demo vehicles, or `follower`, without a leader, or `leader`, without any node of "
@@ -59,10 +50,7 @@ EACH = {  # what the launch of each vehicle of a formation gets
 }
 FORMATION = {
     "followers": ("3", "how many followers"),
-    "chain": (
-        "true",
-        "the third and later ones are lit by a follower ahead, not the leader",
-    ),
+    "chain": ("true", "the third and later ones are lit by a follower ahead, not the leader"),
     "namespace": ("", "of the whole formation"),
     **EACH,
 }

@@ -205,7 +205,7 @@ def _result(
         misfit=agreement.misfit,
         outliers=int(outliers.sum()),
         outlying_images=fit.outlying_images,
-        notes=(*notes.notes_of(scene, fit), *notes.little_told(fit, little)),
+        notes=notes.notes_of(scene, fit, little),
         refusal=reason,
     )
 

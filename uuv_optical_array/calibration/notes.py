@@ -100,9 +100,17 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
     return f"{reason}; {', or '.join(cures)}"
 
 
-def notes_of(scene: Scene, fit: CalibrationFit) -> tuple[str, ...]:
-    """Return the notes of a fit, a line each; `scene` has the noise that the fit assumed."""
-    return (*_dead_detectors(fit), *_undetermined(fit), *_aim(fit), *_residuals(scene, fit))
+def notes_of(scene: Scene, fit: CalibrationFit, little: Collection[int]) -> tuple[str, ...]:
+    """Return the notes of a fit, a line each.
+
+    `scene` has the noise that the fit assumed; of the places `little` the images tell little.
+    """
+    told = _dead_detectors(fit), _undetermined(fit), _aim(fit), _residuals(scene, fit)
+    notes = [note for group in told for note in group]
+    if names := ", ".join(fit.likelihood.layout.names[i] for i in little):
+        tape = f"{fit.likelihood.tape_std_m:g} m of the tape"
+        notes.append(f"{names}: hardly better than the {tape}: {advice(fit, PLACE)}")
+    return tuple(notes)
 
 
 def _aim(fit: CalibrationFit) -> list[str]:
@@ -121,13 +129,6 @@ def _aim(fit: CalibrationFit) -> list[str]:
             f"back, or {frame} by as much; until then {prior} covers it"
         )
     return notes
-
-
-def little_told(fit: CalibrationFit, places: Collection[int]) -> list[str]:
-    """Name the places of lamps of which the images tell little."""
-    names = ", ".join(fit.likelihood.layout.names[i] for i in places)
-    tape = f"{fit.likelihood.tape_std_m:g} m of the tape"
-    return [f"{names}: hardly better than the {tape}: {advice(fit, PLACE)}"] if names else []
 
 
 def _dead_detectors(fit: CalibrationFit) -> list[str]:

@@ -62,13 +62,8 @@ def run(args: argparse.Namespace) -> int:
     else:
         sweeps = Acceptance(in_air(scene) if args.in_air else scene, args.lamp, show)
     if listen is not None:
-        listen(
-            dict(args.set)["image_topic"],
-            array,
-            sweeps.take,
-            lambda: not sweeps.complete,
-            scene.lamp_count,
-        )
+        topic = dict(args.set)["image_topic"]
+        listen(topic, array, sweeps.take, lambda: not sweeps.complete, scene.lamp_count)
     else:
         as_wired = dataclasses.replace(scene, array=array)
         recording = bag.read_bag(args, as_wired, poses_needed=False)

@@ -34,8 +34,6 @@ from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Ar
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.signature_table import BLOCK_POSES
 from uuv_optical_array.forward.aim import apparent
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.lamps import ring_of_lamps, spread_and_tilt
@@ -47,6 +45,7 @@ from uuv_optical_array.plots.style import mark, new_figure, save
 from uuv_optical_array.studies.shared.errors import (
     SIGMAS,
     FrameErrors,
+    bounds,
     by_column,
     errors_of,
     range_across_angle,
@@ -76,11 +75,11 @@ def measure(
     frames it has; ValueError where none got a pose.
     """
     model = ForwardModel(truth or estimator.scene)
-    bounds, frames = _bounds(model, poses), errors_of(estimator, model, poses, images)
+    (_, stds), frames = bounds(model, poses), errors_of(estimator, model, poses, images)
     count = len(frames.errors)
     if not frames.posed.any():
         raise ValueError(f"scene {estimator.scene.name}: none of {count} frames got a pose")
-    return figures(frames, bounds[:count])
+    return figures(frames, stds[:count])
 
 
 def figures(frames: FrameErrors, bounds: Array) -> dict[str, Any]:
@@ -111,12 +110,6 @@ def figures(frames: FrameErrors, bounds: Array) -> dict[str, Any]:
 
 def _by_dof(values: Array) -> dict[str, float]:
     return dict(zip(DOF_NAMES, values.tolist(), strict=True))
-
-
-def _bounds(model: ForwardModel, poses: Array) -> Array:
-    """Return the Cramer-Rao standard deviations at poses, m and rad, shape ``(n, 5)``."""
-    blocks = np.array_split(poses, range(BLOCK_POSES, len(poses), BLOCK_POSES))
-    return np.concatenate([cramer_rao_bound(model, block).std for block in blocks])
 
 
 def exposed(
@@ -193,8 +186,8 @@ def costs(scene: Scene, poses: Array) -> dict[str, dict[str, float]]:
 
     def bound(**known: Any) -> dict[str, float]:
         prior = dataclasses.replace(scene.prior, **known)
-        square = _bounds(ForwardModel(dataclasses.replace(scene, prior=prior)), poses) ** 2
-        return _by_dof(np.sqrt(square.mean(axis=0)) * IN_DEGREES)
+        _, stds = bounds(ForwardModel(dataclasses.replace(scene, prior=prior)), poses)
+        return _by_dof(np.sqrt(np.mean(stds**2, axis=0)) * IN_DEGREES)
 
     uncertain = [key for key, value in vars(scene.prior).items() if "std" in key and value > 0]
     return {"as it is": bound(), **{key: bound(**{key: 0.0}) for key in uncertain}}

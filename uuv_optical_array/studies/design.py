@@ -30,13 +30,11 @@ from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, Setting, check, declared
 from uuv_optical_array.core.storage.formats import columns
-from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward import working_volume as volume
 from uuv_optical_array.forward.array import ArraySettings, Shape
@@ -46,7 +44,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, save_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.plots import style
-from uuv_optical_array.studies.shared.errors import position_and_angle
+from uuv_optical_array.studies.shared.errors import bounds, position_and_angle
 from uuv_optical_array.studies.shared.results import STEP, read, until_interrupted, write
 from uuv_optical_array.studies.shared.separation import (
     THRESHOLD_DEG,
@@ -80,7 +78,6 @@ POSES = Quantity("poses for the bound", "", 1, 1e7)
 TAKEN = Quantity("number of a design in the table to write as a scene, too", "", 1, 1e9)
 NOISE_DRAWS = 64
 ROUNDING_DEG = 1e-9  # angles below are rounding: the converter took all noise away
-BLOCK_READINGS = 1 << 14
 CLEAR_SIGMAS = 3.0
 
 
@@ -270,7 +267,9 @@ def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
     noise_deg = np.array([signature_noise_deg(model, range_m, rng) for range_m in ranges_m])
     with np.errstate(divide="ignore", invalid="ignore"):
         sigmas = moved_deg / np.where(noise_deg > ROUNDING_DEG, noise_deg, 0.0)
-    known, alone, lit = bounds(model, poses)
+    information, alone = bounds(model, poses)
+    known = volume.known_volume_std(information)
+    lit = model.expected(poses).max(axis=(-2, -1)) > volume.MIN_PEAK_COUNTS
     values: list[Any] = [*vars(Design.of(scene)).values(), scene.lamp.reference_counts]
     for measure in (moved_deg, sigmas):
         values += [*measure[:, 0].tolist(), *measure.min(axis=1).tolist()]
@@ -284,29 +283,9 @@ def signature_noise_deg(model: ForwardModel, range_m: float, rng: np.random.Gene
     clean, peak = together(model.expected(pose)), model.scene.signature.peak
     on_axis_counts = float(clean.max())
     calm = paper_signature(clean, on_axis_counts, peak)
-    squares = 0.0
-    for poses in _blocks(model, np.broadcast_to(pose, (NOISE_DRAWS, 5))):
-        readings = together(model.expose(poses, rng))
-        angles = spectral_angle(calm, paper_signature(readings, on_axis_counts, peak))
-        squares += float((angles**2).sum())
-    return math.degrees(math.sqrt(squares / NOISE_DRAWS))
-
-
-def bounds(model: ForwardModel, poses: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return bounds ``(n, 5)``, m and rad, in a known volume, of images alone, and what is lit."""
-    parts = []
-    for block in _blocks(model, poses):
-        bound = cramer_rao_bound(model, block)
-        lit = model.expected(block).max(axis=(-2, -1)) > volume.MIN_PEAK_COUNTS
-        parts.append((volume.known_volume_std(bound.information), bound.std, lit))
-    known, alone, where = map(np.concatenate, zip(*parts, strict=True))
-    return known, alone, where
-
-
-def _blocks(model: ForwardModel, poses: Array) -> list[Array]:
-    """Part poses into as many as are worked on at a time, which bounds the memory."""
-    step = max(1, BLOCK_READINGS // model.array.side**2)
-    return np.array_split(poses, range(step, len(poses), step))
+    readings = together(model.expose(np.broadcast_to(pose, (NOISE_DRAWS, 5)), rng))
+    angles = spectral_angle(calm, paper_signature(readings, on_axis_counts, peak))
+    return math.degrees(np.sqrt(np.mean(angles**2)))
 
 
 def origin(scene: Scene, poses: int) -> dict[str, Any]:

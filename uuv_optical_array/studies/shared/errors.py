@@ -14,6 +14,7 @@ from uuv_optical_array.cli import progress
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature.features import scene_parameters
 from uuv_optical_array.forward.model import ForwardModel
 
@@ -24,6 +25,16 @@ Answer: TypeAlias = Callable[[Array], tuple[Array, Array | float]]
 MODEL_POSES = 4
 MODEL_EVERY = 16
 SIGMAS = 6.0  # off by more of its own standard deviations, an estimate is false
+BLOCK_READINGS = 1 << 14  # whose bounds are worked out at a time, which limits the memory
+
+
+def bounds(model: ForwardModel, poses: Array) -> tuple[Array, Array]:
+    """Return information ``(n, 5, 5)`` and Cramer-Rao sigmas ``(n, 5)`` of images, m and rad."""
+    step = max(1, BLOCK_READINGS // model.array.side**2)
+    blocks = np.array_split(poses, range(step, len(poses), step))
+    found = [(of.information, of.std) for of in (cramer_rao_bound(model, one) for one in blocks)]
+    information, stds = map(np.concatenate, zip(*found, strict=True))
+    return information, stds
 
 
 def position_and_angle(errors: Array) -> tuple[float, float]:

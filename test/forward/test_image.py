@@ -61,7 +61,7 @@ def test_a_known_roll_reaches_light_expected_image_and_readings_alike():
 
 
 @pytest.mark.parametrize(
-    "name", ["attenuation.k_per_m", "responsivity.temperature_c", "lamp.colour"]
+    "name", ["sea.absorption_per_m", "responsivity.temperature_c", "lamp.colour"]
 )
 def test_a_nuisance_that_the_scene_does_not_have_is_refused(name):
     for call in (make_model().linearised, make_model().light):

@@ -327,6 +327,8 @@ def image_of(scene, power, effects, pose, roll=0.0, time_s=None, offsets=None):
                 light *= law(ray, lamp, **effects[name])
         if light > 0:
             light *= ray.cosine ** offsets.get(RESPONSE, 0.0)
+        if "attenuation" not in effects:
+            light *= attenuation(ray, lamp, offsets.get("attenuation.k_per_m", 0.0))
         readings.append(light)
     side = array["detectors_per_side"]
     shades, daylight = unnamed(side, effects, offsets)

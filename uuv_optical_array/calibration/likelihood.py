@@ -71,8 +71,6 @@ class CalibrationLikelihood:
         for row, column in (*faults.get("dead", ()), *faults.get("stuck", ())):
             self.faulty[row, column] = True
         self.faulty = self.faulty.ravel()
-        if "sea" not in effects:
-            effects.setdefault("attenuation", {"k_per_m": 0.0})
         effects.setdefault("ambient", {"level_counts": 0.0})
         if "demodulation" in effects:
             effects["demodulation"]["pedestal_counts"] = 0.0

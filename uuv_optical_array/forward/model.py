@@ -33,6 +33,7 @@ from uuv_optical_array.forward.optics import (
 )
 from uuv_optical_array.forward.prior import (
     AMBIENT,
+    ATTENUATION,
     BEAM_SIGMA,
     DAYLIGHT,
     OWN_GEOMETRY,
@@ -114,6 +115,9 @@ class ForwardModel:
         )
         named = [form.nuisance for form in self._of(forms.Transmission)]
         named += [form.nuisance for kind in (Background, Gain) for form in self._of(kind)]
+        if self._of(forms.Scattering):
+            named.append(SCATTERING)
+            known.add(ATTENUATION)  # a sea has its absorption in its place
         unknown = unknown_forms(self.array.side)
         self._unknown = {name: unknown[name] for name in unknown if name not in {*named, *known}}
         lamps, side = range(len(scene.lamps)), self.array.side
@@ -122,8 +126,6 @@ class ForwardModel:
             for setting, mode in zip((OWN_POWER, *SHADES), modes, strict=True):
                 name = of_lamp(i, setting)
                 self._unknown[name] = Shade(np.kron(own, mode), nuisance=name)
-        if self._of(forms.Scattering):
-            named.append(SCATTERING)
         geometry = [of_lamp(i, setting) for i in lamps for setting in OWN_GEOMETRY]
         # The radius of a planar array changes nothing.
         names = POWER, BEAM_SIGMA, RADIUS, *named, *self._unknown, *geometry, ROLL

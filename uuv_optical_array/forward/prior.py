@@ -1,7 +1,7 @@
 """What is uncertain about a scene: standard deviations, and the light that the scene does not name.
 
 A prior may leave settings of lamp and effects uncertain; their forms say so themselves. The other
-unknowns have forms here whose value in the scene is 0: daylight, its gradient over the array, and
+unknowns have forms here whose value in the scene is 0: attenuation, daylight and its gradient, and
 an uneven shade such as a cloud of sediment causes.
 """
 
@@ -16,6 +16,7 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.effects.detectors import lens
 from uuv_optical_array.forward.effects.forms import Background, Shade, Transmission
+from uuv_optical_array.forward.effects.water import beer
 
 # Names of uncertain settings.
 POWER, BEAM_SIGMA = "lamp.power", "lamp.beam_sigma_deg"
@@ -264,11 +265,12 @@ def shade_modes(side: int) -> Array:
 def unknown_forms(side: int) -> dict[str, Background | Shade | Transmission]:
     """Return the forms of what is unknown and 0 in the scene, by name.
 
-    Daylight is in counts, shades are logarithms, the response is a power of the cosine.
+    K is in 1/m, daylight in counts, shades are logarithms, the response is a power of the cosine.
     """
     u, v = (axis.ravel() for axis in over_array(side))
     shades = zip(SHADES, shade_modes(side), strict=True)
     return {
+        ATTENUATION: Transmission(beer, nuisance=ATTENUATION),
         RESPONSE: Transmission(lens, nuisance=RESPONSE),
         **{name: Shade(mode, nuisance=name) for name, mode in shades},
         AMBIENT: Background(np.ones(side * side), 0.0, AMBIENT),

@@ -16,7 +16,7 @@ from numpy.polynomial.legendre import legvander2d
 from uuv_optical_array.calibration.aims import appearing
 from uuv_optical_array.core.geometry import PITCH, Array, X, Y, Z, rotation_matrix
 from uuv_optical_array.forward import prior
-from uuv_optical_array.forward.effects import MOVING, check_effects
+from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses, uniform_poses
@@ -89,16 +89,6 @@ def modulated(waveform: str, turns: Array, i: int, lamps: int) -> Array:
 
 
 # Light at the detectors, counts, shape (n, side, side), in a sea that differs `by` so much.
-
-
-def other_attenuation(sea: Sea, by: float) -> Array:
-    """Add to the attenuation, or the absorption, of the scene's water."""
-    model = sea.model
-    name, _ = model.scene.attenuation
-    if name not in model.nuisances:
-        effects = {**model.scene.effects, "attenuation": {"k_per_m": 0.0}}
-        model = ForwardModel(dataclasses.replace(model.scene, effects=check_effects(effects)))
-    return sea._replace(model=model).offset(name, by)
 
 
 def second_lamp(sea: Sea, by: float, port_m: float = 0.0, above_m: float = 0.0) -> Array:
@@ -347,7 +337,8 @@ SIGNAL_CURE = "Check the array's power, plug and wiring: this is not the lamp's 
 # fmt: off
 KINDS = (
     *_kinds("nothing", Sea.light, "The sea is the scene.", "Nothing.", std="lamp_power_std"),
-    *_kinds("k{by:+g}", other_attenuation, "The water attenuates by {size:g} /m {more}.", K_CURE,
+    *_kinds("k{by:+g}", lambda sea, by: sea.offset(sea.model.scene.attenuation[0], by),
+            "The water attenuates by {size:g} /m {more}.", K_CURE,
             (-0.05, 0.05, -0.04, 0.04, -0.02, 0.02), "k_std_per_m", needs="water"),
     *_kinds("beam{by:+g}", partial(Sea.offset, name=prior.BEAM_SIGMA),
             "The beam's sigma is {size:g} deg {more}.", BEAM_CURE,

@@ -103,13 +103,11 @@ class ClosedLoop:
 
 
 def _sea(scene: Scene, conditions: Conditions) -> tuple[ForwardModel, dict[str, Any]]:
-    """Return the model of a scene that can attenuate and have clouds, and its offsets."""
+    """Return the model of a scene that can have clouds, and its offsets."""
     settings = scene.settings()
     effects = settings["effects"]
     clouds = effects.pop("plume", None)
     name, believed = scene.attenuation
-    if "sea" not in effects:
-        effects.setdefault("attenuation", {"k_per_m": 0.0})
     # The offset is what differs, as the lamp stays as bright as it is in the scene.
     offsets = {name: np.array(conditions.k_per_m - believed)}
     offsets |= power_offsets(conditions.lamp_power, scene.lamp_count)

@@ -28,12 +28,9 @@ class Agreement:
         """
         across, down = np.meshgrid(*[np.arange(self.side) - (self.side - 1) / 2] * 2)
         modes = np.array([np.ones(self.side**2), across.ravel(), down.ravel()])
-        return _over_independent(
-            self.residuals.reshape(-1, self.side**2),
-            self.uncensored.reshape(-1, self.side**2),
-            modes,
-            self.misfit,
-        )
+        images = -1, self.side**2
+        residuals, uncensored = self.residuals.reshape(images), self.uncensored.reshape(images)
+        return _over_independent(residuals, uncensored, modes, self.misfit)
 
     def pattern(self) -> float:
         """Return the mean square of detectors' mean residuals; 1 if independent, less if fitted."""

@@ -139,16 +139,11 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
     y, texts = np.arange(len(rows)), ("kind", "what")
     of = {key: np.array([r[key] for r in rows], float) for key in rows[0] if key not in texts}
     posed = np.where(of["answered"] > 0, of["answered"], np.nan)
+    excused = "of these indistinguishable from the scene"
     for axes, key, whole, colour, label in (
         (left, "answered", of["frames"], "#1f6fb4", "answered"),
         (middle, "beyond_6_sigma", posed, "#c8401e", "beyond 6 of its own sigma"),
-        (
-            middle,
-            "indistinguishable",
-            posed,
-            "#e0a080",
-            "of these indistinguishable from the scene",
-        ),
+        (middle, "indistinguishable", posed, "#e0a080", excused),
     ):
         bars = axes.barh(y, 100 * of[key] / whole, color=colour, label=label)
         if key != "indistinguishable":

@@ -6,10 +6,10 @@ returns one or more `forms`. Effects act in the order of the list below, which i
 """
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from uuv_optical_array.core.settings import check_all, unknown
+from uuv_optical_array.core.settings import check_all, one_way, unknown
 from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.effects import detectors, electronics, moving, water
 from uuv_optical_array.forward.effects.forms import Form, Moving
@@ -18,11 +18,13 @@ from uuv_optical_array.forward.effects.forms import Form, Moving
 class Effect(NamedTuple):
     """An effect, with what resolves settings that can be given in several ways.
 
-    ``resolved(settings, name)`` checks them and may convert one way into another.
+    ``resolved(settings, name)`` checks them and may convert one way into another; where there is
+    nothing to convert, `ways` has the keys of both.
     """
 
     function: Callable[..., Form | tuple[Form, ...]]
     resolved: Callable[[dict[str, Any], str], dict[str, Any]] = lambda settings, name: settings
+    ways: tuple[Sequence[str], ...] = ()
 
 
 EFFECTS: dict[str, Effect] = {
@@ -39,12 +41,12 @@ EFFECTS: dict[str, Effect] = {
         # On the array.
         Effect(water.ambient, water.resolved_ambient),
         Effect(water.forward_scatter),
-        Effect(detectors.responsivity, detectors.resolved_responsivity),
+        Effect(detectors.responsivity, ways=(("spread", "seed"), ("gains",))),
         Effect(detectors.detector_faults),
         # In the electronics.
         Effect(electronics.sensor_noise),
         Effect(electronics.shot_noise),
-        Effect(electronics.photodiode, electronics.resolved_photodiode),
+        Effect(electronics.photodiode, ways=(("amps_per_count",), ("watts_per_m2_per_count",))),
         Effect(electronics.saturation),
         Effect(electronics.demodulation),
         Effect(electronics.adc),
@@ -76,6 +78,8 @@ def check_effects(settings: Any) -> dict[str, dict[str, Any]]:
                 raise ValueError(f"effects.{name}: empty; give its settings, or {{}} for defaults")
             values = check_all(effect.function, settings[name], f"effects.{name}")
             values = effect.resolved(values, f"effects.{name}")
+            if effect.ways:
+                one_way(values, f"effects.{name}", *effect.ways)
             checked[name] = {key: value for key, value in values.items() if value is not None}
     return checked
 

@@ -116,12 +116,6 @@ def window(
     return Transmission(port, (index, behind_index, water_index))
 
 
-def resolved_responsivity(settings: dict[str, Any], name: str) -> dict[str, Any]:
-    """Require either spread and seed or gains."""
-    one_way(settings, name, ("spread", "seed"), ("gains",))
-    return settings
-
-
 def responsivity(
     array: DetectorArray,
     *,

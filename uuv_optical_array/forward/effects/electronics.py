@@ -1,12 +1,12 @@
 """What photodiode, amplifier and converter do to a reading."""
 
 import math
-from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
+from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.constants import elementary_charge, k, zero_Celsius
 
-from uuv_optical_array.core.settings import Quantity, one_way
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.effects.forms import (
     Background,
@@ -59,12 +59,6 @@ PARTS: dict[Part, PhotodiodePart] = {
     "SM05PD2A": PhotodiodePart(0.8e-6, 0.27, 0.3e-9, 1e9),
     "BPW34": PhotodiodePart(7.5e-6, 0.32, 2e-9, 1e9),
 }
-
-
-def resolved_photodiode(settings: dict[str, Any], name: str) -> dict[str, Any]:
-    """Require one of the two scales."""
-    one_way(settings, name, ("amps_per_count",), ("watts_per_m2_per_count",))
-    return settings
 
 
 def photodiode(

@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 from followers import TrackedLaw, relative
 
-from uuv_optical_array.control.fleet import (
-    CHAINED_ERROR_M,
-    MIN_SEPARATION_M,
-    STATION_ERROR_M,
-    vee,
-)
+from uuv_optical_array.control.fleet import MIN_SEPARATION_M, vee
 from uuv_optical_array.control.follow_record import least_distance
 from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
+
+# How far a follower may be off its station: one that sees the leader, and one that sees another.
+STATION_ERROR_M, CHAINED_ERROR_M = 0.5, 1.5
 
 
 def places(fleet):

@@ -7,10 +7,10 @@ from scenes import changed
 from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import (
+    GUESSED,
     HIGH,
     LOW,
     lit_poses,
-    volume_spread,
     volume_table,
 )
 from uuv_optical_array.studies.shared.errors import position_and_angle
@@ -37,7 +37,7 @@ def test_a_scene_too_dark_for_the_study_is_refused(scene):
 def test_a_guess_errs_by_the_spread_of_the_volume():
     poses = np.random.default_rng(0).uniform(LOW, HIGH, (200_000, 5))
     middle = (np.array(LOW) + HIGH) / 2
-    assert position_and_angle(poses - middle) == pytest.approx(volume_spread(), rel=0.01)
+    assert position_and_angle(poses - middle) == pytest.approx(GUESSED, rel=0.01)
 
 
 def test_tables_span_the_volume_of_the_study():

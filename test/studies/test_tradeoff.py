@@ -21,7 +21,7 @@ from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.forward.working_volume import HIGH, LOW, lit_poses, volume_spread
+from uuv_optical_array.forward.working_volume import GUESSED, HIGH, LOW, lit_poses
 from uuv_optical_array.studies import tradeoff
 from uuv_optical_array.studies.tradeoff import (
     FRAMES,
@@ -98,7 +98,7 @@ def test_a_slow_spell_of_the_machine_moves_no_setting_off_the_front():
 
 
 def test_settings_without_poses_or_worse_than_a_guess_are_on_no_front():
-    position, angle = volume_spread()
+    position, angle = GUESSED
     rows = [
         row(ms=0.1, lost=0.02),
         row(ms=0.2, position=1.01 * position, angle=1.01 * angle),

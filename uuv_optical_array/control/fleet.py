@@ -2,7 +2,8 @@
 
 A follower sees only the lamp ahead of it, and the formation law keeps its distance to that alone.
 Stations keep followers apart: by `MIN_SEPARATION_M` and by how far every follower between them may
-be off its own. That is no guarantee: a follower that lost its light and stopped is farther off.
+be off its own: 0.5 m where it sees the leader, 1.5 m where it sees another. That is no guarantee: a
+follower that lost its light and stopped is farther off.
 
 A station swings sideways by its distance to the leader times the leader's turn rate. A second link
 of a chain is as far behind as the law's fastest sway can follow, so there is no third.
@@ -14,9 +15,6 @@ from typing import Annotated
 from uuv_optical_array.core.settings import Place, Quantity, check
 
 MIN_SEPARATION_M = 1.0  # between the centres of two vehicles, each some half a metre long
-# How far a follower may be off its station: one that sees the leader, and one that sees another.
-STATION_ERROR_M = 0.5
-CHAINED_ERROR_M = 1.5
 # One image of the scene `formation` gives the range to 0.2 m at the first two, not at the third.
 FIRST_M: Place = (-5.0, 1.0, 0.0)  # of the first follower on the port arm of a V
 SECOND_M: Place = (-4.5, 1.5, 0.0)  # of the second, seen from the first

@@ -1,5 +1,6 @@
 """The working volume of Eren et al. (2016), its specification, and poses drawn from it."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -17,6 +18,8 @@ HIGH = np.array([-4.0, 0.9, 0.9, *np.radians([20.0, 20.0])])
 LOW = np.array([-8.0, *-HIGH[1:]])
 # Variance of a pose that is uniform in the volume.
 VARIANCE = (HIGH - LOW) ** 2 / 12
+# RMS errors of always guessing its middle, m and deg.
+GUESSED = math.sqrt(VARIANCE[:3].sum()), math.degrees(math.sqrt(VARIANCE[3:].sum()))
 MIN_PEAK_COUNTS = 20.0
 BLOCK_POSES = 4096  # drawn at a time
 DAY_S = 86_400.0  # from which random times are drawn
@@ -59,12 +62,6 @@ def known_volume_std(information: Array) -> Array:
     """
     covariance = np.linalg.inv(information + np.diag(1 / VARIANCE))
     return np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-
-
-def volume_spread() -> tuple[float, float]:
-    """Return the RMS errors of always guessing the middle of the volume, m and deg."""
-    position, angle = (np.sqrt(part.sum()) for part in np.split(VARIANCE, [3]))
-    return float(position), float(np.degrees(angle))
 
 
 def volume_table(steps: int) -> TableSettings:

@@ -237,12 +237,6 @@ def comparison(rows: Sequence[dict[str, Any]]) -> str:
     return columns(lines, 2)
 
 
-def cost_table(bounds: dict[str, dict[str, float]]) -> str:
-    """Return the `costs` of a scene as text."""
-    rows = ((key, *_fixed(bound)) for key, bound in bounds.items())
-    return columns([("bound, with this known", *DOF_NAMES), ("", *DOF_UNITS), *rows])
-
-
 def draw(rows: Sequence[dict[str, Any]], title: str, along: str) -> Any:
     """Draw the errors of `compare`, against what a case is called `along`, as bars for each sea."""
     names, seas = (list(dict.fromkeys(row.get(key) for row in rows)) for key in (along, "sea"))
@@ -335,8 +329,10 @@ def run(args: argparse.Namespace) -> int:
         result = {"poses": count, compared: rows, "picture": str(picture)}
         text = comparison(rows)
         if args.known:
-            result["costs"] = bounds = costs(scene, poses)
-            text += f"\n\n{cost_table(bounds)}"
+            result["costs"] = costs(scene, poses)
+            table = [(key, *_fixed(bound)) for key, bound in result["costs"].items()]
+            heads = ("bound, with this known", *DOF_NAMES), ("", *DOF_UNITS)
+            text += f"\n\n{columns([*heads, *table])}"
         save(draw(rows, f"Errors by {by}: scene {scene.name}, {count} poses", compared), picture)
         text += f"\n\npicture: {picture}"
     else:

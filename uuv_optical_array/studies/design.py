@@ -42,7 +42,7 @@ from uuv_optical_array.forward.lamps import ring_of_lamps, spread_and_tilt, toge
 from uuv_optical_array.forward.light import LampSettings, beam_solid_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, save_scene, scene_from_settings
-from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
+from uuv_optical_array.forward.working_volume import GUESSED, SPECIFICATION
 from uuv_optical_array.plots import style
 from uuv_optical_array.studies.shared.errors import bounds, position_and_angle
 from uuv_optical_array.studies.shared.results import STEP, read, until_interrupted, write
@@ -400,8 +400,8 @@ def report(choice: Choice) -> str:
 
 # Score, axis label, the specification, and what is known without light.
 BOUNDS = {
-    "position_m": ("bound on position, RMS (m)", float(SPECIFICATION[0]), volume_spread()[0]),
-    "angle_deg": ("bound on angle, RMS (deg)", float(SPECIFICATION[3]), volume_spread()[1]),
+    "position_m": ("bound on position, RMS (m)", float(SPECIFICATION[0]), GUESSED[0]),
+    "angle_deg": ("bound on angle, RMS (deg)", float(SPECIFICATION[3]), GUESSED[1]),
 }
 BESIDE: dict[Shape, float] = {"planar": -0.2, "curved": 0.0}  # where a shape is drawn
 

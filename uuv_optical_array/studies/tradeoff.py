@@ -39,7 +39,7 @@ from uuv_optical_array.forward import working_volume
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
+from uuv_optical_array.forward.working_volume import GUESSED, SPECIFICATION
 from uuv_optical_array.plots import style
 from uuv_optical_array.studies.shared import errors, published
 from uuv_optical_array.studies.shared.results import STEP, until_interrupted, write
@@ -229,7 +229,7 @@ def fronts(rows: Sequence[Measurement]) -> dict[str, list[Measurement]]:
     posed = [row for row in rows if row.without_pose <= MOST_WITHOUT_POSE]
     for name, (column, _, which) in ERRORS.items():
         costs = {row: (step(row.models), step(getattr(row, column))) for row in posed}
-        least = step(volume_spread()[which])
+        least = step(GUESSED[which])
         for row in sorted(posed, key=lambda row: (costs[row], row.effort)):
             if costs[row][1] < least:  # of those that are as fast or faster
                 on_front[name].append(row)
@@ -299,7 +299,7 @@ def _draw_panel(axes: Any, rows: Sequence[Measurement], name: str) -> None:
     wanted = float(SPECIFICATION[3 * which])
     for value, text, line, colour in (
         (wanted, f"{wanted:g} {unit}, wanted by the paper", "--", style.SPECIFIED),
-        (volume_spread()[which], "no measurement at all", ":", "0.4"),
+        (GUESSED[which], "no measurement at all", ":", "0.4"),
         (getattr(best, f"floor_{column}"), f"bound, {best.shape} {side} x {side}", "-.", "0.4"),
     ):
         axes.axhline(value, color=colour, ls=line, lw=1.5, zorder=1)

@@ -189,12 +189,16 @@ class ImageFit:
     def _starts(self, axes: list[Array]) -> tuple[Array, Array]:
         """Return poses that fits may start from, and their images."""
         rng = np.random.default_rng(0)  # the same in every run: an image has one answer
-        # Points of the grid: from its edges fits find minima that they miss from within.
-        poses = np.stack([rng.choice(axis, STARTS) for axis in axes], axis=-1)
+
+        def drawn(count: int) -> Array:
+            # Points of the grid: from its edges fits find minima that they miss from within.
+            return np.stack([rng.choice(axis, count) for axis in axes], axis=-1)
+
+        poses = drawn(STARTS)
         # Nearer than that the array saturates, and from afar no fit leads there.
-        near = np.stack([rng.choice(axis, NEAR_STARTS) for axis in axes], axis=-1)
+        near = drawn(NEAR_STARTS)
         near[:, :3] *= rng.uniform(NEAREST, 1, (len(near), 1))
-        aside = np.stack([rng.choice(axis, NEAR_STARTS) for axis in axes], axis=-1)
+        aside = drawn(NEAR_STARTS)
         share = np.exp(rng.uniform(math.log(ASIDE), 0, NEAR_STARTS))
         aside[:, 0] = share * axes[0].max()
         aside[:, 1:3] *= np.sqrt(share)[:, None]

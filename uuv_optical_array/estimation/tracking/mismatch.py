@@ -48,13 +48,15 @@ class LastingResiduals:
     """Tests the frames of a track, by arrays of at most `MOST_TESTED` detectors.
 
     - mismatch: what would explain the frames best; empty while the scene does.
+    - said: the same, or of what was learnt, as it was said last.
     """
 
     def __init__(self, constants: Constants) -> None:
         side, q = round(constants.detectors**0.5), len(constants.names)
         self._clear = not constants.names_shades
         self._tests = self._clear and 0 < side**2 == constants.detectors <= MOST_TESTED
-        self.mismatch = ""
+        self.mismatch = self.said = ""
+        self._said_ns = 0  # since when
         self._by_detector = constants.by_detector
         # Time with frames, of it with uneven ones, as shares of the window; stamp of the last one.
         self._lit, self._uneven, self._light_ns = 0.0, 0.0, 0
@@ -98,8 +100,21 @@ class LastingResiduals:
     def _off(self, error: int, size: float, chance: float) -> str:
         return f"{self._names[error]} is off by {size:+.2g} (chance {chance:.0e})"
 
-    def begin_anew(self, mismatch: str) -> None:
-        """Forget all frames, and say what they left until those of a whole window show none."""
+    def say(self, stamp_ns: int, biases: Biases, space: BiasSpace) -> str:
+        """Return what would explain the frames up to a stamp, ns, best, or what they taught."""
+        mismatch = self.mismatch or self.beyond_prior(biases, space)
+        if not (mismatch and self.said):
+            self._said_ns = stamp_ns
+        self.said = mismatch
+        return mismatch
+
+    def lasts(self, stamp_ns: int) -> bool:
+        """Say whether a mismatch was said for `MOST_SAID_S` at a stamp, ns."""
+        return bool(self.said) and stamp_ns - self._said_ns > MOST_SAID_S * 1e9
+
+    def begin_anew(self, stamp_ns: int, mismatch: str) -> None:
+        """Forget all frames; a mismatch is said until those of a whole window show none."""
+        self.said, self._said_ns = mismatch, stamp_ns
         if self._tests:
             self.mismatch = mismatch
             self._begin(LONG_AGO_NS)

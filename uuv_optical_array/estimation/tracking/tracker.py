@@ -51,11 +51,7 @@ from uuv_optical_array.estimation.tracking.measurement import (
     checked_pose,
     checked_readings,
 )
-from uuv_optical_array.estimation.tracking.mismatch import (
-    LEARNT_OFF,
-    MOST_SAID_S,
-    LastingResiduals,
-)
+from uuv_optical_array.estimation.tracking.mismatch import LEARNT_OFF, LastingResiduals
 from uuv_optical_array.estimation.tracking.motion import (
     LONG_AGO_NS,
     OwnMotion,
@@ -109,7 +105,6 @@ class Tracker:
         self._previous: _State | None = None  # the last state of the track before this one
         self._own_motion = OwnMotion()
         self._tested_ns = LONG_AGO_NS  # stamp of the newest frame that was tested for a mismatch
-        self._mismatch, self._mismatch_ns = "", 0  # what was said last, and since when
         self._settings, s = settings, settings
         self._constants = c = constants or Constants()
         self._rate_walk = np.array(
@@ -172,8 +167,10 @@ class Tracker:
         - StampRefused: for a frame older than the buffer, or a stamp that is in it.
         - ValueError: for a pose, covariance or readings of wrong shape or out of bounds.
         """
-        if self._mismatch and stamp_ns - self._mismatch_ns > MOST_SAID_S * 1e9:
-            self.forget(stamp_ns, self._mismatch)  # it may be over, and what it taught is wrong
+        if self._residuals.lasts(stamp_ns):
+            self.forget(
+                stamp_ns, self._residuals.said
+            )  # it may be over, and it taught what is wrong
         s, history, previous = self._settings, self._history, self._previous
         if readings is not None:
             readings = checked_readings(readings, self._constants)
@@ -229,10 +226,7 @@ class Tracker:
             near = newest.frame.relinearise(np.concatenate([mean[POSE], offsets]))
             with suppress(ValueError):  # not finite there
                 self._residuals.add(stamp_ns, checked_readings(near, self._constants))
-        mismatch = self._residuals.mismatch or self._residuals.beyond_prior(biases, self._space)
-        if not (mismatch and self._mismatch):
-            self._mismatch_ns = stamp_ns
-        self._mismatch = mismatch
+        mismatch = self._residuals.say(stamp_ns, biases, self._space)
         if mismatch:
             unknown = UNKNOWN * np.array([*[np.linalg.norm(mean[:3])] * 3, 1.0, 1.0])
             joint[POSE, POSE] += np.diag(unknown**2)
@@ -262,8 +256,7 @@ class Tracker:
         A mismatch is said until the new frames show none, as what they teach may be wrong again.
         """
         self._history, self._previous = [], None
-        self._mismatch, self._mismatch_ns = mismatch, stamp_ns
-        self._residuals.begin_anew(mismatch)
+        self._residuals.begin_anew(stamp_ns, mismatch)
 
     def expected(self, stamp_ns: int) -> Expected:
         """Return what is known of a frame before its image: the prior of its fit.

@@ -44,7 +44,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, save_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import GUESSED, SPECIFICATION
 from uuv_optical_array.plots import style
-from uuv_optical_array.studies.shared.errors import bounds, position_and_angle
+from uuv_optical_array.studies.shared.errors import blocks, bounds, position_and_angle
 from uuv_optical_array.studies.shared.results import STEP, read, until_interrupted, write
 from uuv_optical_array.studies.shared.separation import (
     THRESHOLD_DEG,
@@ -269,7 +269,8 @@ def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
         sigmas = moved_deg / np.where(noise_deg > ROUNDING_DEG, noise_deg, 0.0)
     information, alone = bounds(model, poses)
     known = volume.known_volume_std(information)
-    lit = model.expected(poses).max(axis=(-2, -1)) > volume.MIN_PEAK_COUNTS
+    peaks = [model.expected(block).max(axis=(-2, -1)) for block in blocks(model, poses)]
+    lit = np.concatenate(peaks) > volume.MIN_PEAK_COUNTS
     values: list[Any] = [*vars(Design.of(scene)).values(), scene.lamp.reference_counts]
     for measure in (moved_deg, sigmas):
         values += [*measure[:, 0].tolist(), *measure.min(axis=1).tolist()]

@@ -25,16 +25,20 @@ Answer: TypeAlias = Callable[[Array], tuple[Array, Array | float]]
 MODEL_POSES = 4
 MODEL_EVERY = 16
 SIGMAS = 6.0  # off by more of its own standard deviations, an estimate is false
-BLOCK_READINGS = 1 << 14  # whose bounds are worked out at a time, which limits the memory
+BLOCK_READINGS = 1 << 14  # of images worked out at a time, which limits the memory
 
 
 def bounds(model: ForwardModel, poses: Array) -> tuple[Array, Array]:
     """Return information ``(n, 5, 5)`` and Cramer-Rao sigmas ``(n, 5)`` of images, m and rad."""
+    found = (cramer_rao_bound(model, block) for block in blocks(model, poses))
+    information, stds = zip(*((of.information, of.std) for of in found), strict=True)
+    return np.concatenate(information), np.concatenate(stds)
+
+
+def blocks(model: ForwardModel, poses: Array) -> list[Array]:
+    """Split poses ``(n, 5)`` into blocks that need little memory at a time."""
     step = max(1, BLOCK_READINGS // model.array.side**2)
-    blocks = np.array_split(poses, range(step, len(poses), step))
-    found = [(of.information, of.std) for of in (cramer_rao_bound(model, one) for one in blocks)]
-    information, stds = map(np.concatenate, zip(*found, strict=True))
-    return information, stds
+    return np.array_split(poses, range(step, len(poses), step))
 
 
 def position_and_angle(errors: Array) -> tuple[float, float]:

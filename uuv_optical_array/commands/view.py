@@ -58,8 +58,9 @@ def run(args: argparse.Namespace) -> int:
     from uuv_optical_array.view.simulation import simulate
 
     picture = args.screenshot and outputs.file_to_write(args.screenshot, "--screenshot", (".png",))
-    if args.bag is None and (given := args.set[len(bag.READING) :]):
-        raise options.OptionError(f"--set {given[0][0]}: no bag is read; name one, or leave it out")
+    for name, value in args.set if args.bag is None else ():
+        if value != bag.READING[name].default:
+            raise options.OptionError(f"--set {name}: no bag is read; name one, or leave it out")
     scene = options.scene_of(args)
     recording = bag.read_bag(args, scene, poses_needed=False) if args.bag else None
     with ExitStack() as stack:

@@ -115,9 +115,9 @@ class Pipeline:
         try:
             estimate = self.estimator.estimate(image, parameters, roll, expected)
         except NoPose:
-            if self.tracker is None or not self.tracker.lost(stamp_ns):
+            if image is None or self.tracker is None or not self.tracker.lost(stamp_ns):
                 raise
-            # What the track learnt may be what is wrong.
+            # What the track learnt, which tells something of images only, may be what is wrong.
             estimate = self.estimator.estimate(image, parameters, roll)
             self.tracker.forget(stamp_ns)
         if image is None:

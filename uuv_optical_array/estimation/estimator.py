@@ -315,7 +315,8 @@ class Estimator:
         self, estimate: Estimate, image: ArrayLike, roll: float = 0.0
     ) -> Callable[[Array], LinearisedReadings]:
         """Return what linearises an image, whose estimate and roll are given, near any place."""
-        readings = self._readings(image)
+        self.check_shape(image)
+        readings = np.array(image, dtype=float).reshape(-1)
         lamps, detectors = self.scene.lamp_count, self._side**2
         weights = np.ones((lamps, detectors))
         weights[:, [self._side * row + column for row, column in estimate.left_out]] = 0.0

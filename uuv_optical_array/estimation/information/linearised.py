@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import lapack
 
 from uuv_optical_array.core.geometry import (
     PITCH,
@@ -44,16 +45,19 @@ class LinearisedReadings(NamedTuple):
     light: Array
     variances: Array
 
-    def pose_slopes(self, precision: Array, gain_std: float) -> Array:
+    def pose_slopes(self, of_pose: Array, of_constants: Array, gain_std: float) -> Array:
         """Return how the pose that fits best follows the constants that are given, ``(5, q - k)``.
 
-        These are the last; `precision` is the inverse covariance of the prior of the pose and of
-        the k constants that are fitted with it, and `gain_std` the detectors' relative error.
+        These are the last. Given are also the inverse covariance of the prior of the pose and of
+        the k constants that are fitted with it, and `gain_std`, the detectors' relative error.
         """
-        fitted, given = np.split(self.slopes, [len(precision)], axis=1)
+        size = 5 + len(of_constants)
+        fitted, given = self.slopes[:, :size], self.slopes[:, size:]
         weighted = fitted.T / (self.variances + np.square(gain_std * self.light))
-        slopes = np.linalg.solve(weighted @ fitted + precision, weighted @ given)
-        return np.asarray(-slopes[:5])
+        information = weighted @ fitted
+        information[:5, :5] += of_pose
+        information[5:, 5:] += of_constants
+        return np.asarray(-lapack.dgesv(information, weighted @ given)[2][:5])
 
 
 class Lineariser:

@@ -10,7 +10,7 @@ from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import lapack
 from scipy.special import chdtrc, ndtr, ndtri
 
 from uuv_optical_array.core.errors import NoPose
@@ -117,7 +117,7 @@ class Hypothesis(NamedTuple):
         if frame.wider or not covariance[X, X] < (FAR * frame.pose[X]) ** 2:
             return False
         off = wrapped(frame.best[:5] - frame.pose[:5])
-        return bool(self.linear or off @ np.linalg.solve(covariance, off) < BENT**2)
+        return bool(self.linear or off @ lapack.dgesv(covariance, off)[2] < BENT**2)
 
 
 class ImageFit:
@@ -356,8 +356,8 @@ class ImageFit:
             near = self.near(image.readings, at, image.roll, result.stretch, main.problem.weights)
             if len(expected.mean) > fitted and clear > 0:
                 # What the clear fit was given is not known exactly.
-                precision = block_diag(self._pose_precision, main.problem.nuisance_precision)
-                slopes = near.pose_slopes(precision, self._constants.gain_std)
+                prior = self._pose_precision, main.problem.nuisance_precision
+                slopes = near.pose_slopes(*prior, self._constants.gain_std)
                 spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
                 covariance = covariance + 0.5 * (spread + spread.T)
         # A reading at full scale says only how little the light is at least, which is not linear.

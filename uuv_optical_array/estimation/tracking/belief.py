@@ -89,8 +89,9 @@ class BiasSpace:
     def drifted(self, biases: Biases, step_s: float) -> Biases:
         """Let the biases, or the first of them, drift for a time, s."""
         kept = drift(self._hold_s[: len(biases.mean)], step_s)
-        noise = np.diag(1 - kept**2)
-        return Biases(kept * biases.mean, np.outer(kept, kept) * biases.covariance + noise)
+        covariance = kept[:, None] * kept * biases.covariance
+        covariance.flat[:: len(kept) + 1] += 1 - kept**2
+        return Biases(kept * biases.mean, covariance)
 
     def shades_drifted(self, motion: Motion, step_s: float) -> Motion:
         """Return a copy in which what old shades did is an error of its own, as others come."""
@@ -141,7 +142,12 @@ def triangular(root: Array) -> Array:
         root = np.concatenate([np.zeros((size, size - columns)), root], axis=1)
     # Rows in reverse order, as LAPACK is faster by columns.
     factor, *_ = lapack.dgeqrf(root[::-1].T)
-    return np.asarray((factor[:size] * _upper_mask(size)).T[::-1, ::-1])
+    return np.asarray(upper(factor[:size]).T[::-1, ::-1])
+
+
+def upper(matrix: Array) -> Array:
+    """Return a square matrix with zeros below its diagonal."""
+    return np.asarray(matrix * _upper_mask(len(matrix)))
 
 
 @cache

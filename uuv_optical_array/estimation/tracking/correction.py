@@ -23,6 +23,7 @@ from uuv_optical_array.estimation.tracking.belief import (
     Observation,
     correct,
     triangular,
+    upper,
     weigh,
 )
 from uuv_optical_array.estimation.tracking.keyframes import BiasFit, Keyframe, Keyframes
@@ -192,7 +193,8 @@ class Correction:
         residuals = residuals - by_pose @ off[:5] - by_learnt @ biased
         # Of as many numbers, whose noise is white, the rest does not depend on the pose
         # (G. J. Bierman, *Factorization Methods for Discrete Sequential Estimation*, 1977, ch. 4).
-        basis, by_pose = np.linalg.qr(by_pose)
+        factor, scales, *_ = lapack.dgeqrf(by_pose)
+        basis, by_pose = lapack.dorgqr(factor, scales)[0], upper(factor[:5])
         by_biases = np.zeros((5, len(biases)))
         by_biases[:, :learnt] = basis.T @ by_learnt
         return Observation(basis.T @ residuals, by_pose, by_biases)
@@ -230,7 +232,7 @@ class Correction:
         offsets, of = self._space.offsets(biases.mean), self._space.constants
         here = self._coordinates.of(np.concatenate([mean[POSE], offsets]))
         _, by = self._coordinates.place(here)
-        back = np.linalg.inv(by[:5, :5])
+        back = lapack.dgesv(by[:5, :5], np.eye(5))[2]
         slopes[POSE, of] -= by[:5, 5:] * self._space.stds[of]
         mean[POSE], root[POSE], slopes[POSE] = here[:5], back @ root[POSE], back @ slopes[POSE]
         return Motion(mean, root, slopes)

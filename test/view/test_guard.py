@@ -50,6 +50,29 @@ def status(page, path, **headers):
         return error.code
 
 
+class Lines(logging.Handler):
+    """The lines that the page logs, of loggers that pass nothing on, too, as those of launch."""
+
+    def __init__(self):
+        super().__init__()
+        self.texts, self.came = [], threading.Semaphore(0)
+
+    def emit(self, record):
+        self.texts.append(record.getMessage())
+        self.came.release()
+
+
+@pytest.fixture
+def lines():
+    lines = Lines()
+    loggers = [logging.getLogger(f"uuv_optical_array.view.{name}") for name in ("guard", "page")]
+    for logger in loggers:
+        logger.addHandler(lines)
+    yield lines
+    for logger in loggers:
+        logger.removeHandler(lines)
+
+
 def test_the_page_is_served_to_who_has_its_address_by_a_name_of_this_machine(page):
     path, port = urlsplit(page.url).path, urlsplit(page.url).port
     assert status(page, path) == status(page, f"{path}/?x=1") == 200
@@ -73,43 +96,35 @@ def test_nothing_but_the_token_opens_it(path, host, origins):
     assert not refusal("a token", "/a token?x", ["127.0.0.1:80"], ["http://127.0.0.1:80"])
 
 
-def test_values_out_of_bounds_are_refused_in_a_line_and_sliders_go_back(page, caplog):
-    asked, answered = [], threading.Semaphore(0)
+def test_values_out_of_bounds_are_refused_in_a_line_and_sliders_go_back(page, lines):
+    asked = []
 
     def change(values):
         asked.append(chosen(values))
-        answered.release()
-
-    class Answered(logging.Handler):
-        def emit(self, record):
-            if record.name.startswith("uuv_optical_array.view"):
-                answered.release()
+        lines.came.release()
 
     page.add_sliders("sea", sliders(Conditions(0.1)), change)
     handles = list(page._server.gui._gui_input_handle_from_uuid.values())
     attenuation, power, astern = handles[0], handles[1], handles[5]
     wrong = [(attenuation, value) for value in (-5.0, float("nan"), float("inf"), 1e308)]
-    logger, handler = logging.getLogger(), Answered()
-    logger.addHandler(handler)  # after that of caplog, which has the line by then
     with socket_of(page) as socket:
 
         def set_value(handle, value):
             updates = {"uuid": handle._impl.uuid, "updates": {"value": value}}
             socket.send(msgspec.msgpack.encode({"type": "GuiUpdateMessage", **updates}))
-            assert answered.acquire(timeout=PATIENCE_S)
+            assert lines.came.acquire(timeout=PATIENCE_S)
 
         socket.send(msgspec.msgpack.encode(CAMERA))
         for handle, value in (*wrong, (power, -5.0), (astern, -7.0), (power, "x")):
             set_value(handle, value)
         set_value(attenuation, 0.3)
         set_value(power, 0.5)
-    logger.removeHandler(handler)
     assert asked == [Conditions(0.3), Conditions(0.3, (0.5,))]
-    lines = [line for line in caplog.messages if line.startswith("refused: ")]
-    assert len(lines) == 6
-    (other,) = set(caplog.messages) - set(lines)
+    refused = [line for line in lines.texts if line.startswith("refused: ")]
+    assert len(refused) == 6
+    (other,) = set(lines.texts) - set(refused)
     assert other.startswith("not understood: a message from a browser: ValueError could not")
-    assert "refused: k_per_m: nan is out of bounds; it must be from 0 to 10 1/m" in lines
+    assert "refused: k_per_m: nan is out of bounds; it must be from 0 to 10 1/m" in refused
 
 
 @pytest.mark.parametrize(
@@ -122,15 +137,16 @@ def test_values_out_of_bounds_are_refused_in_a_line_and_sliders_go_back(page, ca
         msgspec.msgpack.encode({"type": "GuiUpdateMessage"}),
     ],
 )
-def test_a_malformed_frame_costs_its_connection_and_a_line(page, caplog, capfd, frame):
-    with caplog.at_level(logging.WARNING), socket_of(page) as socket:
+def test_a_malformed_frame_costs_its_connection_and_a_line(page, lines, capfd, frame):
+    with socket_of(page) as socket:
         socket.send(frame)
         assert socket.recv(timeout=PATIENCE_S)  # the page, sent before
         while not socket.close_code:
             with suppress(ConnectionClosed):
                 socket.recv(timeout=PATIENCE_S)
-    assert [line.partition(":")[0] for line in caplog.messages] == ["not understood"]
-    assert "\n" not in caplog.text.rstrip()
+    (line,) = lines.texts
+    assert line.startswith("not understood: ")
+    assert "\n" not in line
     assert "Traceback" not in capfd.readouterr().err
     with socket_of(page) as socket:
         assert socket.recv(timeout=PATIENCE_S)

@@ -1,4 +1,4 @@
-"""Cholesky's factor of small matrices, beside LAPACK's, compiled and not."""
+"""Small linear systems: Cholesky's factor beside LAPACK's, compiled and not, and solutions."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,12 @@ from needs import numba
 from scipy import linalg
 
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
+from uuv_optical_array.core.numerics.linear_algebra import (
+    cholesky,
+    solve,
+    solve_lower,
+    solve_upper,
+)
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -59,3 +64,17 @@ def test_factor_and_solutions_are_lapacks(functions, size):
 )
 def test_a_matrix_that_is_not_positive_definite_is_refused(functions, matrix):
     assert not functions[0](np.array(matrix))
+
+
+@pytest.mark.parametrize("columns", [(), (3,)])
+def test_a_system_is_solved_as_numpy_solves_it_and_a_singular_one_is_refused(columns):
+    rng = np.random.default_rng(6)
+    matrix, right = rng.standard_normal((6, 6)), rng.standard_normal((6, *columns))
+    before = matrix.copy(), right.copy()
+    np.testing.assert_array_equal(solve(matrix, right), np.linalg.solve(matrix, right))
+    np.testing.assert_array_equal(matrix, before[0])
+    np.testing.assert_array_equal(right, before[1])
+    matrix[5] = matrix[0] - matrix[1]
+    matrix[:, 5] = 0.0
+    with pytest.raises(np.linalg.LinAlgError):
+        solve(matrix, right)

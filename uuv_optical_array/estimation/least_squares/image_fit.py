@@ -10,7 +10,6 @@ from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
 from scipy.special import chdtrc, ndtr, ndtri
 
 from uuv_optical_array.core.errors import NoPose
@@ -23,6 +22,7 @@ from uuv_optical_array.core.geometry import (
     wrapped,
 )
 from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.numerics.linear_algebra import solve
 from uuv_optical_array.estimation.estimate import Estimate
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
 from uuv_optical_array.estimation.least_squares.faults import log_evidence, most_faulty
@@ -117,7 +117,7 @@ class Hypothesis(NamedTuple):
         if frame.wider or not covariance[X, X] < (FAR * frame.pose[X]) ** 2:
             return False
         off = wrapped(frame.best[:5] - frame.pose[:5])
-        return bool(self.linear or off @ lapack.dgesv(covariance, off)[2] < BENT**2)
+        return bool(self.linear or off @ solve(covariance, off) < BENT**2)
 
 
 class ImageFit:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import lapack, solve_triangular
 
 from uuv_optical_array.core.geometry import Array, wrapped
+from uuv_optical_array.core.numerics.linear_algebra import solve
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import (
     Biases,
@@ -232,7 +233,7 @@ class Correction:
         offsets, of = self._space.offsets(biases.mean), self._space.constants
         here = self._coordinates.of(np.concatenate([mean[POSE], offsets]))
         _, by = self._coordinates.place(here)
-        back = lapack.dgesv(by[:5, :5], np.eye(5))[2]
+        back = solve(by[:5, :5], np.eye(5))
         slopes[POSE, of] -= by[:5, 5:] * self._space.stds[of]
         mean[POSE], root[POSE], slopes[POSE] = here[:5], back @ root[POSE], back @ slopes[POSE]
         return Motion(mean, root, slopes)

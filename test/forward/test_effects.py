@@ -176,10 +176,10 @@ def test_the_signals_shot_noise_is_that_of_its_electrons():
 def test_a_rim_halves_the_light_at_the_half_angle_and_cuts_it_off_beyond():
     form = effects.detectors.field_of_view(None, half_angle_deg=40.0, edge_deg=5.0)
     for angle, share, tolerance in ((0, 1, 1e-3), (40, 0.5, 1e-12), (50, 0, 1e-3), (60, 0, 1e-6)):
-        found = form.law(5.0, 0.0, math.cos(math.radians(angle)), *form.settings)[0]
+        found = form.law(5.0, math.cos(math.radians(angle)), *form.settings)[0]
         assert found == pytest.approx(share, abs=tolerance)
     # The edge is where 12 % are left, as of a hyperbolic tangent at -1.
-    beyond = form.law(5.0, 0.0, math.cos(math.radians(42.5)), *form.settings)[0]
+    beyond = form.law(5.0, math.cos(math.radians(42.5)), *form.settings)[0]
     assert beyond == pytest.approx(0.5 * (1 - math.tanh(1)), abs=0.01)
 
 

@@ -146,9 +146,7 @@ def dims_on_the_way(name):
 
 
 @pytest.mark.parametrize("name", filter(dims_on_the_way, EFFECTS))
-@given(
-    data=st.data(), ray=st.tuples(st.floats(0.5, 20), st.floats(1e-4, 0.5), st.floats(0.1, 0.99))
-)
+@given(data=st.data(), ray=st.tuples(st.floats(0.5, 20), st.floats(0.1, 0.99)))
 @reproducible
 def test_a_law_of_transmission_has_the_derivatives_that_it_states(name, data, ray):
     chosen = effects.check_effects({name: data.draw(settings_of(name, 5))})
@@ -156,11 +154,11 @@ def test_a_law_of_transmission_has_the_derivatives_that_it_states(name, data, ra
     for form in (form for form in forms if isinstance(form, Transmission)):
         assert form.law in LAWS  # of compiled code, too
         # The ray, and the first setting where it may be uncertain.
-        count = 4 if form.nuisance else 3
+        count = 3 if form.nuisance else 2
         at = np.array([*ray, form.settings[0]])
 
         def logarithm(values, form=form, at=at, count=count):
-            some = np.broadcast_to(at, (*values.shape[:-1], 4)).copy()
+            some = np.broadcast_to(at, (*values.shape[:-1], 3)).copy()
             some[..., :count] = values
             return np.log(form.law(*np.moveaxis(some, -1, 0), *form.settings[1:])[0])[..., None]
 

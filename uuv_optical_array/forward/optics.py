@@ -208,13 +208,10 @@ def transmitter(law: Callable[..., Any]) -> Callable[..., None]:
         rays: Any, a: Any, b: Any, c: Any, beam: Any, row: Any, differentiate: bool
     ) -> None:
         for j in indices(rays.shape[-1]):
-            factor, by_range, by_half_square, by_incidence, by_a = law(
-                rays[RANGE, j], rays[HALF_SQUARE, j], rays[INCIDENCE, j], a, b, c
-            )
+            factor, by_range, by_incidence, by_a = law(rays[RANGE, j], rays[INCIDENCE, j], a, b, c)
             beam[LIGHT, j] *= factor
             if differentiate:
                 beam[BY_RANGE, j] += by_range
-                beam[BY_HALF_SQUARE, j] += by_half_square
                 beam[BY_INCIDENCE, j] += by_incidence
                 beam[row, j] = by_a
 

@@ -20,20 +20,18 @@ def resolved_field_of_view(settings: dict[str, Any], name: str) -> dict[str, Any
 
 
 @law
-def lens(range_m: Any, half_square: Any, incidence: Any, power: Any, _b: Any, _c: Any) -> Any:
+def lens(range_m: Any, incidence: Any, power: Any, _b: Any, _c: Any) -> Any:
     """Power of the cosine beyond Lambert's: a `Transmission`."""
     lit = maximum(incidence, 1e-12)
     logarithm = log(lit)
-    return exp(power * logarithm), 0.0, 0.0, power / lit, logarithm
+    return exp(power * logarithm), 0.0, power / lit, logarithm
 
 
 @law
-def housing(
-    range_m: Any, half_square: Any, cosine: Any, cosine_half: Any, width: Any, _c: Any
-) -> Any:
+def housing(range_m: Any, cosine: Any, cosine_half: Any, width: Any, _c: Any) -> Any:
     """Cut-off by the rim of a housing, in the cosine: a `Transmission`."""
     inside = tanh((cosine - cosine_half) / width)
-    return 0.5 * (1 + inside), 0.0, 0.0, (1 - inside) / width, 0.0
+    return 0.5 * (1 + inside), 0.0, (1 - inside) / width, 0.0
 
 
 def field_of_view(
@@ -86,14 +84,14 @@ def interface(cosine: Any, before: Any, after: Any) -> tuple[Any, Any, Any, Any]
 
 
 @law
-def port(range_m: Any, half_square: Any, cosine: Any, pane: Any, behind: Any, water: Any) -> Any:
+def port(range_m: Any, cosine: Any, pane: Any, behind: Any, water: Any) -> Any:
     """Transmission of a flat pane between water and what is behind it: a `Transmission`."""
     lit = minimum(maximum(cosine, 1e-6), 1.0)
     first, first_slope, inside, inside_slope = interface(lit, water, pane)
     second, second_slope, _, _ = interface(inside, pane, behind)
     slope = first_slope / maximum(first, 1e-300)
     slope = slope + second_slope * inside_slope / maximum(second, 1e-300)
-    return first * second, 0.0, 0.0, slope, 0.0
+    return first * second, 0.0, slope, 0.0
 
 
 def window(

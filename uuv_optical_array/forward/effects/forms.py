@@ -16,9 +16,8 @@ Waveform: TypeAlias = Literal["square", "sine", "slots"]  # of a modulated lamp
 class Transmission:
     """Attenuation on the way to a detector, by the geometry of the ray.
 
-    - law: ``law(range_m, half_square, incidence, a, b, c)``, one of `forward.optics.LAWS`: the
-      factor of the light, and the slopes of its logarithm by range, 1/m, half the squared off-axis
-      angle, 1/rad^2, cosine of incidence, and `a`.
+    - law: ``law(range_m, incidence, a, b, c)``, one of `forward.optics.LAWS`: the factor of the
+      light, and the slopes of its logarithm by range, 1/m, cosine of incidence, and `a`.
     - settings: its ``a, b, c``.
     - nuisance: dotted name of the setting `a` where the prior may leave it uncertain; empty: none.
     """

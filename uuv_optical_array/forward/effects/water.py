@@ -32,9 +32,9 @@ def resolved_attenuation(settings: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 @law
-def beer(range_m: Any, half_square: Any, cosine: Any, k_per_m: Any, _b: Any, _c: Any) -> Any:
+def beer(range_m: Any, cosine: Any, k_per_m: Any, _b: Any, _c: Any) -> Any:
     """Beer's law, ``exp(-K r)``: a `Transmission` with K in 1/m."""
-    return exp(-k_per_m * range_m), -k_per_m, 0.0, 0.0, -range_m
+    return exp(-k_per_m * range_m), -k_per_m, 0.0, -range_m
 
 
 def attenuation(

@@ -7,12 +7,11 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from uuv_optical_array.core.geometry import Array
 
-
-def solve(matrix: Array, right: Array) -> Array:
+def solve(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return what `numpy.linalg.solve` returns, and raise its LinAlgError, in a fifth of the time.
 
     Shapes ``(n, n)`` and ``(n,)`` or ``(n, m)``.

@@ -113,6 +113,12 @@ def test_idle_in_still_water_it_stays_and_rolled_it_rights_itself():
     assert abs(vehicle.roll) < 0.01
 
 
+def test_waves_do_not_turn_it_little_by_little():
+    vehicle = BlueRov2(np.zeros(3), sea=Sea((0.2, 0.3, 0.0), WaveSettings(1.0, 6.0, 60.0, 3.0)))
+    run(vehicle, np.array([0.4, 0, 0, 0, 0, 0.1]), 30)
+    assert (vehicle.roll, vehicle.pitch) == pytest.approx((0.0, 0.0), abs=0.02)
+
+
 @given(
     commands=st.lists(
         st.tuples(*[st.floats(-1e6, 1e6)] * 6, st.floats(0.0, 0.3)), min_size=1, max_size=12

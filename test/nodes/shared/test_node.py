@@ -1,5 +1,6 @@
 """What all nodes share: a lean import, and an end by signal between two callbacks."""
 
+import gc
 import os
 import signal
 import time
@@ -126,6 +127,23 @@ def test_a_quality_of_service_is_overridden_for_its_own_topic_alone(executor):
     assert reliable["/a"] == ReliabilityPolicy.RELIABLE
     assert reliable["/b"] == ReliabilityPolicy.BEST_EFFORT
     node.destroy_node()
+
+
+def test_the_collector_does_not_look_through_what_a_node_was_made_of():
+    frozen = []
+
+    class Ending(Node):
+        def __init__(self):
+            super().__init__("ending")
+            self.create_timer(0.001, self.end)
+
+        def end(self):
+            frozen.append(gc.get_freeze_count())
+            rclpy.try_shutdown()
+
+    run(Ending)
+    gc.unfreeze()
+    assert frozen[0] > 10_000
 
 
 def test_a_node_that_ros_does_not_make_names_the_enclave_where_ros_is_secured(monkeypatch):

@@ -14,11 +14,12 @@ from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 from uuv_optical_array.estimation.tracking.tracker import POSE_STD, RATE_STD, Tracker
 from uuv_optical_array.estimation.unknowns.constants import Constants
+from uuv_optical_array.forward.prior import ROLL
 
 pytestmark = pytest.mark.filterwarnings("error")
 
 # Constants in which the light is linear: nothing ends their learning.
-NAMES, STDS, GAIN_STD = ("ambient.level_counts", "ambient.to_bottom_counts"), (0.1, 0.02), 0.05
+NAMES, STDS, GAIN_STD = ("ambient.level_counts", ROLL), (0.1, 0.02), 0.05
 HOLD_S = 60.0  # so short that drift shows
 DRIFTING = dataclasses.replace(OPEN, constants_hold_s=HOLD_S, reset_after_s=60.0)
 STEADY = dataclasses.replace(DRIFTING, constants_hold_s=1e7)
@@ -109,15 +110,16 @@ def motion_and_slopes(stamps, readings, biases, skipped=()):
 
 
 def state_by_both(stamps, readings, detectors, skipped=()):
-    """Return pose, rate and biases with their covariance: the pose given them, and their spread."""
+    """Return pose, rate and biases, the covariance of the first two, the biases' and the turn."""
     learnt_of = [each for k, each in enumerate(readings) if k not in skipped]
     biases, spread = biases_by_regression(learnt_of, detectors)
     mean, covariance, slopes = motion_and_slopes(stamps, readings, biases, skipped)
     covariance = covariance + slopes @ spread @ slopes.T
-    return np.concatenate([mean, biases]), covariance, spread
+    turn = [*slopes[:5] @ spread[:, 1], spread[1, 1]]  # of the roll with the pose
+    return np.concatenate([mean, biases]), covariance, spread, turn
 
 
-def assert_is(tracker, track, state, covariance, spread):
+def assert_is(tracker, track, state, covariance, spread, turn):
     near = {"rtol": 1e-4, "atol": 1e-6}
     np.testing.assert_allclose([*track.pose, *track.rate], state[:10], **near)
     np.testing.assert_allclose(track.joint_covariance, covariance, **near)
@@ -130,6 +132,7 @@ def assert_is(tracker, track, state, covariance, spread):
     ):
         assert (offset, std) == pytest.approx((expected, math.sqrt(square)), rel=1e-4, abs=1e-6)
     np.testing.assert_allclose(track.gains, state[12:], **near)
+    np.testing.assert_allclose(track.turn, turn, **near)
 
 
 @pytest.mark.parametrize(("seed", "detectors"), [(0, 9), (1, 9), (2, 50)])

@@ -102,6 +102,12 @@ def test_a_lamp_that_is_off_is_left_out(estimator, dark):
         found = estimator.estimate(image)
         assert squared_error(found, pose) < 36
         assert (found.dark_lamp, found.left_out) == (dark, ())
+        assert found.fault == f"dark lamp: lamps[{dark}] is off or hidden"
+        at = np.concatenate([found.pose, np.zeros(len(estimator.constants.names))])
+        variances = estimator.lineariser(found, image)(at).variances
+        out = np.zeros((15, 5), dtype=bool)
+        out[rows] = True
+        np.testing.assert_array_equal(np.isinf(variances), out.ravel())
 
 
 def test_poses_behind_clouds_that_shade_each_lamp_otherwise_are_as_wide_as_their_errors():

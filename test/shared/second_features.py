@@ -6,13 +6,6 @@ import numpy as np
 from scipy import stats
 
 
-def slow_gradient(profile):
-    last = len(profile) - 1
-    gradient = [profile[1] - profile[0]]
-    gradient += [(profile[i + 1] - profile[i - 1]) / 2 for i in range(1, last)]
-    return [*gradient, profile[last] - profile[last - 1]]
-
-
 def slow_skewness(values):
     return 0.0 if max(values) == min(values) else float(stats.skew(values))
 
@@ -50,6 +43,6 @@ def slow_key_parameters(image, full_scale, peak):
         brightest / full_scale,
         at_column - centre,
         at_row - centre,
-        slow_skewness(slow_gradient(horizontal)),
-        slow_skewness(slow_gradient(vertical)),
+        slow_skewness(np.gradient(horizontal)),
+        slow_skewness(np.gradient(vertical)),
     ]

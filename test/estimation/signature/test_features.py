@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from needs import numba
-from scipy import stats
 from second_features import slow_key_parameters
 
 from uuv_optical_array.core.numerics import compilation
@@ -37,19 +36,19 @@ def whole_counts(draw, low=0, high=1023, sides=(2, 8)):
     return np.array(counts, dtype=float).reshape(side, side)
 
 
-@st.composite
-def images_with_one_peak(draw):
-    image = draw(whole_counts(high=1000))
-    peak = draw(st.integers(0, image.size - 1))
-    image.flat[peak] = image.max() + draw(st.integers(1, 23))
-    return image
-
-
-@settings(max_examples=150)
-@given(whole_counts() | whole_counts(high=3), st.sampled_from(PEAKS))
-def test_any_image_has_the_parameters_of_the_slow_implementation(image, peak):
+@settings(max_examples=250)
+@given(
+    whole_counts() | whole_counts(high=3),
+    st.sampled_from(PEAKS),
+    st.just(0.0) | st.floats(-300, 300),
+)
+def test_any_image_has_the_parameters_of_the_slow_implementation(image, peak, exponent):
+    """Its brightness scales the peak and nothing else."""
+    scale = 10.0**exponent
     expected = slow_key_parameters(image, FULL_SCALE, peak)
-    np.testing.assert_allclose(key_parameters(image, FULL_SCALE, peak), expected, atol=1e-9)
+    found = key_parameters(image * scale, FULL_SCALE, peak)
+    assert found[0] == pytest.approx(expected[0] * scale, rel=1e-12, abs=0)
+    np.testing.assert_allclose(found[1:], expected[1:], atol=1e-9)
 
 
 @pytest.mark.parametrize("side", [3, 4, 5, 7, 21])
@@ -98,9 +97,8 @@ def test_a_saturated_top_has_its_peak_at_the_centroid(saturated, middle, whole):
     np.testing.assert_array_equal(
         key_parameters(image, FULL_SCALE, "detector")[:3], [1.0, whole[1], whole[0]]
     )
-    horizontal, vertical = image[whole[0] + 2], image[:, whole[1] + 2]
-    expected = [stats.skew(np.gradient(horizontal)), stats.skew(np.gradient(vertical))]
-    np.testing.assert_allclose(sub[3:], expected, atol=1e-12)
+    expected = slow_key_parameters(image, FULL_SCALE, "subdetector")
+    np.testing.assert_allclose(sub, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1.0, 1e300])
@@ -109,17 +107,6 @@ def test_profiles_that_are_constant_or_evenly_sloped_have_no_skewness(scale):
     assert skewness(np.zeros(7)) == 0.0
     slope = np.tile(np.arange(5) * scale, (5, 1))
     np.testing.assert_array_equal(key_parameters(slope, FULL_SCALE, "detector")[3:], [0.0, 0.0])
-
-
-@given(images_with_one_peak(), st.floats(-300, 300), st.sampled_from(PEAKS))
-def test_brightness_scales_the_peak_and_nothing_else(image, exponent, peak):
-    scale = 10.0**exponent
-    before = key_parameters(image, FULL_SCALE, peak)
-    after = key_parameters(image * scale, FULL_SCALE, peak)
-    assert after[0] == pytest.approx(before[0] * scale, rel=1e-12)
-    assert np.isfinite(after).all()
-    # The curvature at the peak is at least one count in a thousand, so rounding stays small.
-    np.testing.assert_allclose(after[1:], before[1:], atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """The censored Gaussian against SciPy's distributions, numerical derivatives and integrals."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -23,19 +25,13 @@ ADC, FREE = (0.0, 1023.0), (-np.inf, np.inf)
 
 def one(reading, light, variance=1.0, slope=0.0, limits=ADC):
     """Return value, score and curvature of one detector; the variance is that in the dark."""
-    found = log_likelihood(
-        np.array([reading], dtype=float),
-        np.array([light], dtype=float),
-        ReadingNoise(variance, slope, *limits),
-    )
-    return tuple(float(part[0]) for part in found)
+    noise = ReadingNoise(variance, slope, *limits)
+    return tuple(map(float, log_likelihood(np.array(reading), np.array(light), noise)))
 
 
 def told_by(light, variance=1.0, slope=0.0, limits=ADC):
     """Return the information of one detector."""
-    return float(
-        information(np.array([light], dtype=float), ReadingNoise(variance, slope, *limits))[0]
-    )
+    return float(information(np.array(light), ReadingNoise(variance, slope, *limits)))
 
 
 def scipy_value(reading, light, std, limits=ADC):
@@ -97,8 +93,7 @@ def test_a_light_beyond_all_reason_leaves_a_finite_likelihood(reading, light):
     value, score, curvature = one(reading, light, 1e-6)
     assert value <= 0
     assert np.isfinite([value, score, curvature]).all()
-    wrong = (light < 0) == (reading > 0)
-    if wrong:  # the light is pushed back as by a plain square
+    if (light < 0) == (reading > 0):  # the light is pushed back as by a plain square
         bound = 1022.5 if reading else 0.5
         assert score == pytest.approx((bound - light) / 1e-6, rel=1e-6)
         assert curvature == pytest.approx(1e6, rel=1e-3)
@@ -109,18 +104,14 @@ def test_a_light_beyond_all_reason_leaves_a_finite_likelihood(reading, light):
 @settings(max_examples=300)
 @given(st.floats(1.0, 1000.0), st.floats(1.0, 1000.0), st.floats(0.01, 10.0), st.floats(0.1, 50))
 def test_noise_that_grows_with_the_light_is_in_value_and_score(reading, light, slope, dark):
-    def variance(at):
-        return dark + slope * at
+    def scipys(at):
+        return norm.logpdf(reading, at, math.sqrt(dark + slope * at))
 
     value, score, curvature = one(reading, light, dark, slope)
     other = one(reading, 500.0, dark, slope)[0]
-    expected = norm.logpdf(reading, light, variance(light) ** 0.5)
-    expected -= norm.logpdf(reading, 500.0, variance(500.0) ** 0.5)
+    expected = scipys(light) - scipys(500.0)
     assert value - other == pytest.approx(expected, rel=1e-9, abs=1e-9)
-    by_light = derivative(
-        lambda at: norm.logpdf(reading, at, variance(at) ** 0.5), light, 1e-3 * light
-    )
-    assert score == pytest.approx(by_light, rel=1e-5, abs=1e-6)
+    assert score == pytest.approx(derivative(scipys, light, 1e-3 * light), rel=1e-5, abs=1e-6)
     assert curvature == pytest.approx(told_by(light, dark, slope, FREE), rel=1e-12)
 
 
@@ -144,14 +135,10 @@ def test_a_variance_below_the_least_counts_as_that():
 
 def test_below_the_least_variance_shot_noise_does_not_grow_and_tells_nothing_more():
     """Of 300 electrons a count and no other noise, a ten-thousandth of a count is darkness."""
-    light, slope = 1e-4, 1 / 300
-
-    def value(at):
-        return one(2e-3, at, 0.0, slope, FREE)[0]
-
-    _, score, curvature = one(2e-3, light, 0.0, slope, FREE)
-    assert score == pytest.approx(derivative(value, light, 1e-6), rel=1e-6)
-    assert curvature == told_by(light, 0.0, slope, FREE) == pytest.approx(1 / MIN_VARIANCE)
+    light, noise = 1e-4, (0.0, 1 / 300, FREE)
+    _, score, curvature = one(2e-3, light, *noise)
+    assert score == pytest.approx((2e-3 - light) / MIN_VARIANCE)
+    assert curvature == told_by(light, *noise) == pytest.approx(1 / MIN_VARIANCE)
 
 
 def test_the_light_below_zero_has_the_noise_of_the_dark():
@@ -169,9 +156,7 @@ def test_the_light_below_zero_has_the_noise_of_the_dark():
 def test_compiled_readings_are_as_likely_as_in_numpy(slope, limits):
     rng = np.random.default_rng(2)
     light = np.concatenate([rng.uniform(-60, 1100, 3000), rng.choice([-1e9, 0.0, 1e9], 100)])
-    readings = np.clip(
-        light + rng.choice([0.1, 3.0, 40.0], 3100) * rng.standard_normal(3100), 0, 1023
-    )
+    readings = np.clip(rng.normal(light, rng.choice([0.1, 3.0, 40.0], 3100)), 0, 1023)
     noise = ReadingNoise(2.0, slope, *limits)
     plain, fast = np.empty((2, 3, 3100))
     likelihood_of(readings, light, noise, plain)
@@ -203,10 +188,9 @@ def expected_square_of_score(light, std, limits):
 @np.errstate(under="ignore")
 def test_the_information_is_the_mean_square_of_the_score(std, u, limits):
     for light in (0.5 + u * std, 1022.5 - u * std):
+        found = told_by(light, std**2, limits=limits) * std**2
         expected = expected_square_of_score(light, std, limits) * std**2
-        assert told_by(light, std**2, limits=limits) * std**2 == pytest.approx(
-            expected, rel=1e-6, abs=1e-9
-        )
+        assert found == pytest.approx(expected, rel=1e-6, abs=1e-9)
 
 
 @settings(max_examples=200)

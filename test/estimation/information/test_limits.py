@@ -34,31 +34,19 @@ def make_model(*arguments, **settings):
     return ForwardModel(make_scene(*arguments, **settings))
 
 
-def gradients(model, pose, offsets=()):
-    """Derivatives of the light by the pose and by offsets at 0, by central differences."""
+def summed_information(model, pose, weight, offsets=()):
+    """Fisher information about the pose and offsets at 0, by central differences of the light."""
 
     def light(at):
         given = {name: np.asarray(at[5 + i]) for i, name in enumerate(offsets)}
         return model.light(at[:5], 0.0, given).ravel()
 
-    return differentiate(light, np.concatenate([pose, np.zeros(len(offsets))])).T
-
-
-def summed_information(model, pose, weight, offsets=()):
-    """Fisher information, one detector and one pair of parameters at a time."""
-    slopes = gradients(model, pose, offsets)
-    light = model.light(pose).ravel()
-    size = len(slopes)
-    total = np.zeros((size, size))
-    for i in range(size):
-        for j in range(size):
-            for k in range(len(light)):
-                total[i, j] += slopes[i, k] * slopes[j, k] * weight(light[k])
-    return total
+    slopes = differentiate(light, np.concatenate([pose, np.zeros(len(offsets))]))
+    return slopes.T @ np.diag(weight(model.light(pose).ravel())) @ slopes
 
 
 def constant_noise(light):
-    return 1.0
+    return np.ones_like(light)
 
 
 def with_shot_noise(light):
@@ -128,8 +116,7 @@ def test_planar_arrays_reach_the_numbers_worked_out_before_a_little_off_alignmen
     for dof, known in ((1, [0.16, 1.8, 10]), (4, [10, 73, 290])):
         assert (np.abs(np.log(typical[:, dof] / known)) < math.log(1.5)).all(), typical[:, dof]
         ratio = aligned[:, dof] / known
-        assert (ratio > 1.5).all(), ratio
-        assert (ratio < 4).all(), ratio
+        assert ((ratio > 1.5) & (ratio < 4)).all(), ratio
 
 
 def test_planar_arrays_are_ill_conditioned_and_still_finite():
@@ -155,22 +142,15 @@ def test_what_is_uncertain_counts_as_estimated_along_with_the_pose(shape):
     np.testing.assert_allclose(cramer_rao_bound(model, ASIDE).std, expected, rtol=1e-3)
 
 
-@pytest.mark.parametrize(
-    "pose",
-    [
-        [6.0, 0, 0, 0, 0],  # ahead of the lamp
-        [-6.0, 0, 0, 0, math.pi],  # turned away
-        [-900.0, 0, 0, 0, 0],
-        [-1.0, 900.0, 0, 0, 0],
-    ],
-)
 @pytest.mark.parametrize("prior", [None, {"lamp_power_std": 0.1, "k_std_per_m": 0.02}])
-def test_without_light_nothing_is_observable(pose, prior):
-    bound = cramer_rao_bound(make_model(prior=prior), pose)
+def test_without_light_nothing_is_observable(prior):
+    ahead_of_the_lamp, turned_away = [6.0, 0, 0, 0, 0], [-6.0, 0, 0, 0, math.pi]
+    far = [-900.0, 0, 0, 0, 0], [-1.0, 900.0, 0, 0, 0]
+    bound = cramer_rao_bound(make_model(prior=prior), [ahead_of_the_lamp, turned_away, *far])
     assert not bound.observable.any()
     assert (bound.std == np.inf).all()
-    assert bound.condition == np.inf
-    assert np.isnan(bound.covariance[~np.eye(5, dtype=bool)]).all()
+    assert (bound.condition == np.inf).all()
+    assert np.isnan(bound.covariance[:, ~np.eye(5, dtype=bool)]).all()
 
 
 def test_an_aligned_two_by_two_array_sees_the_range_and_nothing_else():
@@ -219,8 +199,7 @@ def test_a_turn_about_the_beam_changes_neither_the_range_nor_how_well_it_is_know
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("effects", [{}, {**WATER, **AMBIENT, **SHOT, **ADC}])
 def test_no_pose_makes_the_bound_stumble(shape, effects):
-    prior = UNCERTAIN if effects else None
-    model = make_model(shape, effects=effects, prior=prior)
+    model = make_model(shape, effects=effects, prior=UNCERTAIN if effects else None)
     rng = np.random.default_rng(5)
     poses = rng.uniform(-1, 1, (2000, 5)) * [10, 5, 5, 1.5, 3.1]
     poses[:5] = [[0] * 5, [-0.4, 0, 0, 0, 0], [-0.72, 0, 0, 0, 0], [-1e3] * 5, [1e3] * 5]
@@ -230,8 +209,7 @@ def test_no_pose_makes_the_bound_stumble(shape, effects):
     assert ((std > 0) & (np.isfinite(std) == bound.observable)).all()
     assert (bound.condition >= 1).all()
     both = bound.observable[:, :, None] & bound.observable[:, None, :]
-    finite = np.isfinite(bound.covariance)
-    assert (finite == both).all()
+    assert (np.isfinite(bound.covariance) == both).all()
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

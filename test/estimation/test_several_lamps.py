@@ -182,11 +182,6 @@ def test_no_search_with_all_lamps_where_one_is_dark(estimator, monkeypatch):
     assert starts == [(50, True), (75, False)]
 
 
-def test_an_image_of_one_lamp_is_refused_by_its_shape(estimator):
-    with pytest.raises(NoPose, match=r"of shape \(5, 5\), not \(15, 5\)"):
-        estimator.estimate(np.ones((5, 5)))
-
-
 def test_key_parameters_of_a_sum_beyond_full_scale_are_believed(estimator):
     pose = np.array([-2.0, 0.1, 0.0, 0.0, 0.0])
     image = MODEL.read(MODEL.light(pose), np.random.default_rng(6))

@@ -12,6 +12,7 @@ from command_line import python
 from scenes import changed, make_scene
 from second_features import slow_key_parameters
 
+from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature_table import (
     BLOCK_POSES,
     PROCESS_BYTES,
@@ -103,15 +104,15 @@ def test_blocks_do_not_show_in_the_table():
     assert len(starts) > 1
     for start in starts:
         row = min(start + 7, len(table.poses) - 1)
-        settings = scene.settings()
-        image = second_forward.light(settings, table.poses[row])
+        image = second_forward.light(scene.settings(), table.poses[row])
         expected = slow_key_parameters(image, scene.full_scale_counts, "subdetector")
         np.testing.assert_allclose(table.parameters[row], expected, atol=1e-9)
 
 
 def test_a_grid_without_any_light_is_refused():
-    with pytest.raises(ValueError, match=r"scene changed: no pose of the table has 1 count"):
-        build_table(scene_with(x_m=[2.0, 4.0, 2]))
+    for make in (build_table, Estimator):
+        with pytest.raises(ValueError, match=r"scene changed: no pose of .* has 1 count .*; move"):
+            make(scene_with(x_m=[2.0, 4.0, 2]))
 
 
 def test_a_table_too_large_for_the_machine_is_refused_with_the_figures():

@@ -12,6 +12,7 @@ from scipy.stats import chi2
 
 from uuv_optical_array.core.geometry import DOF_NAMES, rotation_matrix
 from uuv_optical_array.estimation.estimator import METHODS, Estimate, Estimator, NoPose
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature_table import build_table, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
@@ -125,16 +126,8 @@ def near_grazing(model, poses, light):
     return (incidence < 0.2) & (light.max(axis=1) > 20)
 
 
-def condition(model, poses):
-    """Condition number of the information about the pose, in m and rad."""
-    light, jacobian = model.linearised(poses)
-    variance, _ = model.variance(light)
-    whitened = jacobian / np.sqrt(variance)[..., None]
-    return np.linalg.cond(whitened) ** 2
-
-
 def ill_conditioned(model, poses, light):
-    return (light.max(axis=1) > 20) & (condition(model, poses) > 1e7)
+    return (light.max(axis=1) > 20) & (cramer_rao_bound(model, poses).condition > 1e7)
 
 
 def edge_of_beam(model, poses, light):

@@ -10,10 +10,19 @@ from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.model import ForwardModel
 
 NAMES = ("lamp.power", "attenuation.k_per_m", "ambient.level_counts")
-CONSTANTS = Constants(NAMES, (0.1, 0.02, 5.0))
+STDS = dict(zip(NAMES, (0.1, 0.02, 5.0), strict=True))
+CONSTANTS = Constants(NAMES, tuple(STDS.values()))
 MODEL = ForwardModel(
     make_scene(effects={"attenuation": {"k_per_m": 0.1}, "ambient": {"level_counts": 20.0}})
 )
+SEA = {"absorption_per_m": 0.1, "scattering_per_m": 0.2}
+IN_SEA = ForwardModel(make_scene(effects={"sea": SEA}))
+OF_SEA_AND_ARRAY = {
+    "sea.absorption_per_m": 0.02,
+    "sea.scattering_per_m": 0.3,
+    "field_of_view.cosine_power": 0.1,
+    "array.radius_m": 0.02,
+}
 POSES = np.array([[-4.0, 0, 0, 0, 0], [-7.0, 0.4, -0.3, 0.1, -0.1]])
 
 
@@ -30,31 +39,21 @@ def model_with(changes, model=MODEL):
 
 
 @pytest.mark.parametrize(
-    "offsets", [(0.4, 0.0, 0.0), (-0.5, 0.0, 0.0), (0.0, 0.08, 0.0), (0.35, -0.09, 30.0)]
+    ("model", "stds", "offsets"),
+    [
+        (MODEL, STDS, (0.4, 0.0, 0.0)),
+        (MODEL, STDS, (-0.5, 0.0, 0.0)),
+        (MODEL, STDS, (0.0, 0.08, 0.0)),
+        (MODEL, STDS, (0.35, -0.09, 30.0)),
+        (IN_SEA, OF_SEA_AND_ARRAY, (0.07, 1.2, 0.4, 0.08)),
+    ],
 )
-def test_the_changed_scene_gives_the_light_that_was_found(offsets):
-    found = learnt(*offsets)
-    known = dict(zip(NAMES, np.array(offsets), strict=True))
-    light = model_with(scene_changes(MODEL, CONSTANTS, found)).light(POSES)
-    expected = np.array([MODEL.light(pose, offsets=known) for pose in POSES])
-    np.testing.assert_allclose(light, expected, rtol=1e-9)
-
-
-def test_water_and_array_are_changed_to_what_was_found():
-    sea = {"absorption_per_m": 0.1, "scattering_per_m": 0.2}
-    model = ForwardModel(make_scene(effects={"sea": sea}))
-    offsets = {
-        "sea.absorption_per_m": 0.07,
-        "sea.scattering_per_m": 1.2,
-        "field_of_view.cosine_power": 0.4,
-        "array.radius_m": 0.08,
-    }
-    constants = Constants(tuple(offsets), (0.02, 0.3, 0.1, 0.02))
-    found = {name: Learnt(offset, 1e-3) for name, offset in offsets.items()}
-    light = model_with(scene_changes(model, constants, found), model).light(POSES)
-    known = {name: np.array(offset) for name, offset in offsets.items()}
+def test_the_changed_scene_gives_the_light_that_was_found(model, stds, offsets):
+    found = {name: Learnt(offset, 1e-3) for name, offset in zip(stds, offsets, strict=True)}
+    changes = scene_changes(model, Constants(tuple(stds), tuple(stds.values())), found)
+    known = dict(zip(stds, np.array(offsets), strict=True))
     expected = np.array([model.light(pose, offsets=known) for pose in POSES])
-    np.testing.assert_allclose(light, expected, rtol=1e-9)
+    np.testing.assert_allclose(model_with(changes, model).light(POSES), expected, rtol=1e-9)
 
 
 def test_only_what_is_off_by_more_than_asked_is_named_with_key_value_and_reason():

@@ -4,7 +4,7 @@ import dataclasses
 import math
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import block_diag, expm
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -31,14 +31,13 @@ OPEN = TrackerSettings(gate_probability=1.0, common_share=0.0)
 GATE = math.sqrt(chi2.ppf(TrackerSettings().gate_probability, 5))
 
 
-def van_loan(step_s, rate_walk, pose_walk=None):
+def van_loan(step_s, rate_walk):
     """Return transition and noise covariance of one step, by Van Loan's matrix exponential.
 
-    The walks are covariances of what rate and pose gather in 1 s.
+    The walk is the covariance of what the rate gathers in 1 s.
     """
     drift = np.eye(10, k=5)
     diffusion = np.zeros((10, 10))
-    diffusion[:5, :5] = 0.0 if pose_walk is None else pose_walk
     diffusion[5:, 5:] = rate_walk
     both = expm(step_s * np.block([[-drift, diffusion], [np.zeros((10, 10)), drift.T]]))
     transition = both[10:, 10:].T
@@ -65,35 +64,30 @@ class Textbook:
     Commands are pairs of stamp and twist in order; each holds from its stamp to the next.
     """
 
-    def __init__(self, first, start, rate_walk, pose_walk, commands=()):
+    def __init__(self, first, start, rate_walk, commands):
         self.stamp, pose, noise = first
         self.mean = np.concatenate([pose, np.zeros(5)])
-        self.covariance = np.zeros((10, 10))
-        self.covariance[:5, :5], self.covariance[5:, 5:] = noise, start
-        self.walks, self.commands = (rate_walk, pose_walk), commands
+        self.covariance = block_diag(noise, start)
+        self.rate_walk, self.commands = rate_walk, commands
 
-    def ahead(self, stamp):
-        """Return the mean and covariance at a later stamp."""
-        transition, noise = van_loan((stamp - self.stamp) * 1e-9, *self.walks)
+    def take(self, stamp, pose, noise):
+        """Move to a later frame and correct by it."""
+        transition, walk = van_loan((stamp - self.stamp) * 1e-9, self.rate_walk)
         mean = transition @ self.mean
         ends = [later for later, _ in self.commands[1:]] + [math.inf]
-        for (since, twist), until in zip(self.commands, ends, strict=False):
+        for (since, twist), until in zip(self.commands, ends, strict=True):
             held_s = (min(until, stamp) - max(since, self.stamp)) * 1e-9
             if held_s > 0:
                 mean[:5] += turned(self.mean, twist) * held_s
-        return mean, transition @ self.covariance @ transition.T + noise
-
-    def take(self, stamp, pose, noise):
-        """Correct by a frame."""
-        mean, covariance = self.ahead(stamp)
+        covariance = transition @ self.covariance @ transition.T + walk
         gain = covariance[:, :5] @ np.linalg.inv(covariance[:5, :5] + noise)
         self.stamp, self.mean = stamp, mean + gain @ (pose - mean[:5])
         self.covariance = covariance - gain @ covariance[:5]
 
-    def rate(self, mean, stamp):
-        """Return the whole rate of a pose, the command that holds then included."""
-        held = [twist for since, twist in self.commands if since <= stamp]
-        return mean[5:] + (turned(mean, held[-1]) if held else 0.0)
+    def rate(self):
+        """Return the whole rate of the pose, the command that holds included."""
+        held = [twist for since, twist in self.commands if since <= self.stamp]
+        return self.mean[5:] + turned(self.mean, held[-1])
 
 
 def whitened(covariance, matrix):

@@ -218,33 +218,28 @@ def test_a_track_that_comes_from_afar_is_not_misled_by_bent_images(estimator, se
         assert track is None or squared_error(track, pose) < 46
 
 
-def tracks_after(estimator, wrong, wrong_s, right_s):
-    """Return poses and tracks of the last ten seconds, 2 a second, after wrong and right images."""
+@pytest.mark.parametrize(
+    ("wrong", "wrong_s", "right_s", "said"),
+    [
+        ("smaller", 20, 15, True),
+        ("smaller", 20, 45, False),
+        ("slanted", 40, 10, True),
+        ("slanted", 40, 110, False),
+    ],
+)
+def test_a_track_that_wrong_images_taught_is_found_again_by_right_ones(
+    estimator, wrong, wrong_s, right_s, said
+):
     model, pipeline = ForwardModel(estimator.scene), Pipeline(estimator)
-    rng = np.random.default_rng(1)
-    for k, pose in enumerate(course(np.arange(2 * (wrong_s + right_s)) / 2, 60.0, rng)):
-        light = wrong(pose) if k < 2 * wrong_s else model.light(pose)
+    radius_m = 0.95 * estimator.scene.array.radius_m
+    smaller = ForwardModel(changed(estimator.scene, array={"radius_m": radius_m}))
+    slant = np.linspace(0.93, 1.07, 5)
+    rng, seconds = np.random.default_rng(1), np.arange(2 * (wrong_s + right_s)) / 2
+    for k, (second, pose) in enumerate(zip(seconds, course(seconds, 60.0, rng), strict=True)):
+        light = model.light(pose)
+        if second < wrong_s:
+            light = smaller.light(pose) if wrong == "smaller" else light * slant
         track = pipeline.answer((k + 4) * 500_000_000, model.read(light, rng)).track
-        if k >= 2 * (wrong_s + right_s - 10):
-            yield pose, track
-
-
-@pytest.mark.parametrize(("right_s", "said"), [(15, True), (45, False)])
-def test_a_track_that_wrong_images_taught_is_found_again_by_right_ones(estimator, right_s, said):
-    scene = estimator.scene
-    smaller = changed(scene, array={"radius_m": 0.95 * scene.array.radius_m})
-    for pose, track in tracks_after(estimator, ForwardModel(smaller).light, 20, right_s):
-        assert bool(track.mismatch) == said
-        assert squared_error(track, pose) < 46
-
-
-@pytest.mark.parametrize(("right_s", "said"), [(10, True), (110, False)])
-def test_a_mismatch_that_is_over_is_forgotten_with_what_it_taught(estimator, right_s, said):
-    light = ForwardModel(estimator.scene).light
-
-    def slanted(pose):
-        return light(pose) * np.linspace(0.93, 1.07, 5)
-
-    for pose, track in tracks_after(estimator, slanted, 40, right_s):
-        assert bool(track.mismatch) == said
-        assert squared_error(track, pose) < 46
+        if second >= wrong_s + right_s - 10:
+            assert bool(track.mismatch) == said
+            assert squared_error(track, pose) < 46

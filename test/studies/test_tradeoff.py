@@ -112,14 +112,16 @@ def test_settings_without_poses_or_worse_than_a_guess_are_on_no_front():
     assert numbered([]) == []
 
 
-@pytest.mark.parametrize("name", ["reference", "follow"])
-def test_full_plan_is_every_setting_once_and_quick_is_part_of_it(name):
-    scene = load_scene(name)
+@pytest.mark.parametrize(
+    "scene", [SCENE, load_scene("follow"), changed(SCENE, array={"detectors_per_side": 9})]
+)
+def test_full_plan_is_every_setting_once_and_quick_is_part_of_it(scene):
+    sides = {3, 5, 7, 21, scene.array.detectors_per_side}
     full, quick = ([*map(dataclasses.astuple, plan(scene, mode))] for mode in ("full", "quick"))
     wanted = {
         (method, shape, side, steps)
         for shape in SHAPES
-        for side in (3, 5, 7, 21)
+        for side in sides
         for method in ALL_METHODS
         for steps in ((0,) if method in PUBLISHED else (4, 6, 10, 16, 25))
     }
@@ -127,14 +129,9 @@ def test_full_plan_is_every_setting_once_and_quick_is_part_of_it(name):
     assert len(set(quick)) == len(quick)
     assert set(quick) < wanted
     assert {setting[0] for setting in quick} == set(ALL_METHODS)
+    assert {setting[2] for setting in quick} == sides
     own = scene.array.shape, scene.array.detectors_per_side
     assert full[0][1:3] == quick[0][1:3] == own
-
-
-def test_an_array_of_another_size_is_measured_too():
-    settings = plan(changed(SCENE, array={"detectors_per_side": 9}), "quick")
-    assert settings[0].detectors_per_side == 9
-    assert {setting.detectors_per_side for setting in settings} == {3, 5, 7, 9, 21}
 
 
 def test_rows_hold_the_errors_of_the_estimators():

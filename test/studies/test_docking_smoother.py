@@ -39,16 +39,13 @@ def straight(frames, yaw_deg=6.0, start=(-6.0, -0.1, 0.1)):
     return np.concatenate([places, angles], axis=1)
 
 
-def offsets(model, runs, rng):
-    return {
-        name: rng.normal(0, std, runs) for name, std in model.scene.prior.nuisance_std().items()
+def exposed(model, path, runs, rng):
+    """Images of runs along a path, each run with settings of its own."""
+    off = {
+        name: np.broadcast_to(rng.normal(0, std, (runs, 1)), (runs, len(path)))
+        for name, std in model.scene.prior.nuisance_std().items()
     }
-
-
-def exposed(model, path, off, rng):
-    shape = (len(off["lamp.power"]), len(path))
-    spread = {name: np.broadcast_to(values[:, None], shape) for name, values in off.items()}
-    return model.expose(np.broadcast_to(path, (*shape, 5)), rng, 0.0, spread)
+    return model.expose(np.broadcast_to(path, (runs, *path.shape)), rng, 0.0, off)
 
 
 def step(state):
@@ -80,11 +77,6 @@ def first_prior(model):
     mean = np.zeros(STATE + len(stds))
     mean[0] = -6.0
     return mean, np.array([10, 5, 5, 2, 2, 1.0, turn, turn, *stds])
-
-
-def path_of(poses, offset=0.0):
-    """A path of poses, as one vector, with both settings off by `offset`."""
-    return np.concatenate([states_along(poses, STEP_S).ravel(), [offset, offset]])
 
 
 def test_motion_is_that_of_the_heading_and_its_derivatives_are_right():
@@ -132,8 +124,7 @@ def test_the_path_is_the_most_probable_one(model):
     """An optimiser without derivatives of ours, from the path found, gains next to nothing."""
     rng = np.random.default_rng(3)
     path = straight(4)
-    off = offsets(model, 1, rng)
-    images = exposed(model, path, off, rng)
+    images = exposed(model, path, 1, rng)
     motion = Motion(model, STEP_S, **SETTINGS)
     poses, _, (found,) = smoothed(motion, images, path[None, 0])
     mean, std = first_prior(model)
@@ -176,14 +167,15 @@ def test_the_path_is_the_most_probable_one(model):
     assert cost(found) - best.fun < 0.02
     np.testing.assert_array_equal(found[-10:-5], poses[0, -1])
     # All four images at once, from a straight path, lead there too.
-    whole = refine(problem, path_of(path)[:, None])
+    start = np.append(states_along(path, STEP_S), [0.0, 0.0])
+    whole = refine(problem, start[:, None])
     assert whole.cost[0] == pytest.approx(theirs[0][0], abs=0.02)
 
 
 def test_errors_are_those_of_the_bound_and_the_covariance_is_honest(model):
     rng = np.random.default_rng(4)
     path, runs = straight(12), 150
-    images = exposed(model, path, offsets(model, runs, rng), rng)
+    images = exposed(model, path, runs, rng)
     motion = Motion(model, STEP_S, **SETTINGS)
     poses, covariances, _ = smoothed(motion, images, path[0] + rng.normal(0, 0.02, (runs, 5)))
     errors = poses[:, -1] - path[-1]
@@ -197,7 +189,7 @@ def test_errors_are_those_of_the_bound_and_the_covariance_is_honest(model):
 
 def test_approaches_together_are_as_one_by_one(model):
     rng, path = np.random.default_rng(5), straight(5)
-    images = exposed(model, path, offsets(model, 3, rng), rng)
+    images = exposed(model, path, 3, rng)
     motion, guess = Motion(model, STEP_S), np.broadcast_to(path[0], (3, 5))
     together = smoothed(motion, images, guess)
     for run in range(3):

@@ -211,9 +211,7 @@ def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, cap
 
 
 @pytest.mark.parametrize(
-    "designs",
-    [[PLANAR], [CURVED, Design("curved", 21, 0.3, 0.5, 30.0, 1, 0.0, 0.0)]],
-    ids=["one", "few"],
+    "designs", [[PLANAR], [CURVED, Design("curved", 21, 0.3, 0.5, 30.0, 1, 0.0, 0.0)]]
 )
 def test_any_study_can_be_drawn(designs):
     values = dict.fromkeys(COLUMNS, math.nan) | {"position_m": 0.3, "angle_deg": 5.0}

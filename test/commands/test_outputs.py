@@ -14,8 +14,8 @@ from uuv_optical_array.cli import outputs
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.model import ForwardModel
 
-# Each command's words, and its options that name a file, with a suffix that they take.
-FILES = [
+# Each command's words, and its options that name a file or a folder, with a file's suffix.
+OPTIONS = [
     (("render",), "--output", ".png"),
     (("limits",), "--output", ".pdf"),
     (("study", "accuracy"), "--known", ".svg"),
@@ -27,22 +27,12 @@ FILES = [
     (("calibrate", "no_bag"), "--output", ".yaml"),
     (("calibrate", "no_bag"), "--picture", ".png"),
     (("commission",), "--output", ".yml"),
-]
-FOLDERS = [
-    (("table",), "--output"),
-    (("study", "tradeoff"), "--output"),
-    (("estimate", "no_bag"), "--output"),
-    (("follow",), "--record"),
+    (("table",), "--output", ""),
+    (("study", "tradeoff"), "--output", ""),
+    (("estimate", "no_bag"), "--output", ""),
+    (("follow",), "--record", ""),
 ]
 BYTES = 2000  # a file that the full disk still takes
-
-
-def name_of(words):
-    return " ".join(words[: 2 if words[0] == "study" else 1])
-
-
-def named(cases):
-    return [pytest.param(*case, id=" ".join([*case[0], case[1]])) for case in cases]
 
 
 @pytest.fixture(autouse=True)
@@ -74,38 +64,28 @@ def full_disk():
     resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-@pytest.mark.parametrize(("words", "option", "suffix"), named(FILES))
-def test_a_file_that_cannot_be_written_is_refused_before_the_work(
+@pytest.mark.parametrize(("words", "option", "suffix"), OPTIONS)
+def test_what_cannot_be_written_is_refused_before_the_work(
     words, option, suffix, no_work, tmp_path
 ):
     (tmp_path / f"folder{suffix}").mkdir()
     (tmp_path / "file").touch()
-    wrong = {
+    wrong_folders = {
+        "file/deep.zarr": ".*/file is a file; name a folder",
+        "/proc/deep/x.zarr": ".*cannot write in /proc",
+    }
+    wrong_files = {
         f"nowhere/x{suffix}": "no folder nowhere; make it first",
         f"folder{suffix}": "it is a folder; name a file",
         f"file/x{suffix}": "no folder file",
         f"/proc/x{suffix}": "cannot write in /proc",
         "x.gif": f"its name must end in .*{re.escape(suffix)}",
     }
-    for path, why in wrong.items():
+    name = " ".join(words[: 2 if words[0] == "study" else 1])
+    for path, why in (wrong_files if suffix else wrong_folders).items():
         error = run(*words, option, path, code=2)
-        assert re.match(rf"uuv_array {name_of(words)}: {option} {path}: {why}", error), error
+        assert re.match(rf"uuv_array {name}: {option} {path}: {why}", error), error
     assert {path.name for path in tmp_path.iterdir()} == {f"folder{suffix}", "file"}
-
-
-@pytest.mark.parametrize(("words", "option"), named(FOLDERS))
-def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
-    words, option, no_work, tmp_path
-):
-    (tmp_path / "file").touch()
-    for path, why in {
-        "file/deep.zarr": "/file is a file; name a folder",
-        "/proc/deep/x.zarr": "cannot write in /proc",
-    }.items():
-        error = run(*words, option, path, code=2)
-        assert error.startswith(f"uuv_array {name_of(words)}: {option} {path}: "), error
-        assert why in error
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_a_device_is_no_file_to_replace(tmp_path):

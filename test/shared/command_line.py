@@ -18,29 +18,15 @@ from uuv_optical_array.commands import main
 PROGRAM = [sys.executable, "-c", "from uuv_optical_array.commands import main; main()"]
 
 
-class _Copy(io.StringIO):
-    """Text that goes on to a stream."""
-
-    def __init__(self, stream):
-        super().__init__()
-        self.stream = stream
-
-    def write(self, text):
-        self.stream.write(text)
-        return super().write(text)
-
-    def isatty(self):
-        return self.stream.isatty()
-
-
 def run(*words, code=0):
     """Run ``uuv_array`` in this process and expect an exit code; return the line of an error."""
-    error = _Copy(sys.stderr)
-    with contextlib.redirect_stderr(error), pytest.raises(SystemExit) as end:
+    with contextlib.redirect_stderr(io.StringIO()) as told, pytest.raises(SystemExit) as end:
         main([str(word) for word in words])
-    assert (end.value.code or 0) == code, error.getvalue()
-    assert "Traceback" not in error, error.getvalue()
-    return error.getvalue().splitlines()[-1] if code in (1, 2) and error.getvalue() else ""
+    error = told.getvalue()
+    sys.stderr.write(error)
+    assert (end.value.code or 0) == code, error
+    assert "Traceback" not in error, error
+    return error.splitlines()[-1] if code in (1, 2) and error else ""
 
 
 def text_of(command, *words, code=0):

@@ -47,15 +47,12 @@ def topics(lab, scene_file):
     """What the estimator node publishes and hears with an IMU, and of which type."""
     lab.begin({"scene": scene_file, "method": "sam", "use_imu": True})
     node = lab.start(EstimatorNode)
+    ends = [*node.publishers, *node.subscriptions]
+    kinds = {end.topic_name.lstrip("/"): end.msg_type for end in ends}
     return {
-        end.topic_name.lstrip("/"): re.sub(r"^(\w+)\.msg\._?\w+\.", r"\1/msg/", kind_of(end))
-        for end in (*node.publishers, *node.subscriptions)
+        name: f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
+        for name, kind in kinds.items()
     }
-
-
-def kind_of(end):
-    message = end.msg_type
-    return f"{message.__module__}.{message.__name__}"
 
 
 def test_each_kind_of_example_is_there():

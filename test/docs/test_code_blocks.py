@@ -1,14 +1,13 @@
 """What the documents show in blocks of code would be taken by what it is shown for."""
 
 import itertools
-import re
 import shlex
 
 import numpy as np
 import pytest
 import yaml
 from generated import reference
-from pages import PACKAGE, PAGES, ROOT, without_blocks
+from pages import FENCED, PACKAGE, PAGES, ROOT, without_blocks
 from scenes import coarse
 
 from uuv_optical_array import build_table
@@ -16,7 +15,6 @@ from uuv_optical_array.commands import build_parser
 from uuv_optical_array.estimation import estimator
 from uuv_optical_array.forward.scene import load_scene
 
-FENCED = re.compile(r"^```(\S*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 BLOCKS = [
     pytest.param(language, block, id=f"{page.relative_to(ROOT)}-{number}")
     for page in PAGES

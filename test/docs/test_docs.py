@@ -4,7 +4,7 @@ import re
 
 import pytest
 from generated import reference
-from pages import PACKAGE, PAGES, ROOT, without_blocks
+from pages import FENCED, PACKAGE, PAGES, ROOT, without_blocks
 
 from uuv_optical_array.commands import build_parser
 
@@ -14,8 +14,7 @@ each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.rel
 def code(page):
     """Return the pieces of code of a page: each line of a block, and each span in the prose."""
     text = page.read_text(encoding="utf-8")
-    fenced = re.findall(r"^```\w*\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
-    blocks = "\n".join(fenced).replace("\\\n", " ").splitlines()
+    blocks = "\n".join(block for _, block in FENCED.findall(text)).replace("\\\n", " ").splitlines()
     spans = re.findall(r"`([^`]+)`", without_blocks(text))
     return [line.partition(" #")[0] for line in blocks] + [" ".join(s.split()) for s in spans]
 

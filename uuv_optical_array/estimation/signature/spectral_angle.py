@@ -95,7 +95,7 @@ class SpectralIndex:
     def nearest(self, query: ArrayLike, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
         """Find the k rows nearest to a vector, shape ``(n,)``.
 
-        Returned are angles, rad, ascending, and row numbers, which order equal ones,
+        Returned are angles, rad, ascending, and row numbers, which order equal rows,
         ``(min(k, m),)`` each. ValueError for a query without a direction, or of another length.
         """
         query, (count, length) = np.asarray(query, dtype=float), self._units.shape

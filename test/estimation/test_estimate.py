@@ -77,6 +77,7 @@ def test_a_scene_alone_is_answered_from_its_table_and_whole_numbers_as_floats(
     ("call", "words"),
     [
         (lambda scene: Estimator("follow"), "source: 'follow'; give a scene, as load_scene"),
+        (lambda scene: Estimator(scene, "nearest"), "method: 'nearest' is unknown; choose sam or"),
         (lambda scene: ForwardModel("follow"), "scene: 'follow'; give what load_scene returns"),
         (lambda scene: build_table(None), "scene: of type NoneType; give what load_scene"),
         (lambda scene: Pipeline(scene), r"estimator: of type Scene; give Estimator\(scene\)"),

@@ -1,6 +1,5 @@
 """What a scene does not know of its sea and a tracker can learn: constants of the day."""
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -52,19 +51,6 @@ class Constants:
     def names_shades(self) -> bool:
         """Whether the scene names shades, which last for `unclear_lasts_s`."""
         return self.unclear_lasts_s > 0 and not self.uneven
-
-    def __post_init__(self) -> None:
-        if len(self.stds) != len(self.names) or not all(0 < std < math.inf for std in self.stds):
-            raise ValueError(
-                f"stds: {list(self.stds)}; give one > 0 for each of {', '.join(self.names)}"
-            )
-        if not 0 <= self.gain_std < 1 or self.detectors < 0:
-            raise ValueError(
-                f"gain_std: {self.gain_std}, detectors: {self.detectors}; give a relative error "
-                "of 0 to 1 and a count"
-            )
-        if self.gain_std > 0 and not self.detectors:
-            raise ValueError(f"detectors: 0, with gain_std {self.gain_std}; give their number")
 
     @property
     def by_detector(self) -> Array:

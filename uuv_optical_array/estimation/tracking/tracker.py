@@ -28,6 +28,7 @@ import math
 from bisect import bisect_left
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -129,17 +130,9 @@ class Tracker:
         # Late frames need those of buffer and reset; twice, as frames are older than commands.
         self._own_motion.forget(stamp_ns - 2 * (self._buffer_ns + self._reset_ns))
 
-    def update(
-        self,
-        stamp_ns: int,
-        pose: ArrayLike,
-        covariance: ArrayLike,
-        readings: LinearisedReadings | None = None,
-        relinearise: Relinearise | None = None,
-        shaded: float = 0.0,
-    ) -> Track:
+    def update(self, *frame: Any, **more: Any) -> Track:
         """Take a frame as `take` does, and return the track at the newest frame in it."""
-        self.take(stamp_ns, pose, covariance, readings, relinearise, shaded)
+        self.take(*frame, **more)
         return self.track()
 
     def take(

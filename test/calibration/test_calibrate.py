@@ -31,12 +31,6 @@ LEADER, FOLLOWER, IMAGE = "/leader/odometry", "/follower/odometry", "/array/imag
 SEA = sea("follow", gains=(0.05, 8), sensor_noise__sigma_counts=1.5)
 
 
-def truth():
-    """Return what the fit should find by name, and the gains."""
-    values, gains = truth_of(SEA)
-    return {**values, "sensor_noise.sigma_counts": 1.5}, gains
-
-
 def leader_at(t):
     """Return where a leader is that goes and turns evenly, as a record of it is interpolated."""
     turn = Rotation.from_euler("ZYX", [0.6, 0.1, -0.2]) * Rotation.from_rotvec(
@@ -112,18 +106,11 @@ def command(bag, folder, *words):
     )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def with_noise(bag, tmp_path_factory):
-    """What is told of a fit of the noise, too, and the settings that are written."""
-    folder = tmp_path_factory.mktemp("noise")
-    found = json_of(run, *command(bag, folder, "--noise"))
-    return found, load_scene(folder / "sea.yaml").settings()
-
-
-def test_another_sea_is_found_within_its_standard_errors(with_noise):
-    found, written = with_noise
-    true, gains = truth()
-    for name, value in true.items():
+def test_another_sea_is_found_within_its_standard_errors(bag, tmp_path):
+    found = json_of(run, *command(bag, tmp_path, "--noise"))
+    written = load_scene(tmp_path / "sea.yaml").settings()
+    true, gains = truth_of(SEA)
+    for name, value in {**true, "sensor_noise.sigma_counts": 1.5}.items():
         fit = found["parameters"][name]
         assert abs(fit["fitted"] - value) < 4 * fit["std_error"], name
         if name == "lamp.power" or name in AIMS:
@@ -139,24 +126,6 @@ def test_another_sea_is_found_within_its_standard_errors(with_noise):
     np.testing.assert_allclose(
         written["effects"]["responsivity"]["gains"], found["gains"], rtol=1e-8
     )
-
-
-def test_noise_that_the_scene_underestimates_widens_the_errors_and_is_told(
-    bag, tmp_path, with_noise
-):
-    plain = json_of(run, *command(bag, tmp_path))
-    misfit = (1.5**2 + 1 / 12) / (1.0**2 + 1 / 12)
-    assert plain["mean_squared_residual"] == pytest.approx(misfit, rel=0.1)
-    assert any("does not explain the data" in note for note in plain["notes"])
-    assert any("sensor_noise.sigma_counts 1." in note for note in plain["notes"])
-    told, _ = with_noise
-    for name, value in truth()[0].items():
-        if name in plain["parameters"]:
-            fit = plain["parameters"][name]
-            assert abs(fit["fitted"] - value) < 4 * fit["std_error"], name
-            # As large as with the noise that there is.
-            right = told["parameters"][name]["std_error"]
-            assert fit["std_error"] == pytest.approx(right, rel=0.05), name
 
 
 def test_a_namespaced_stack_in_ned_axes_is_read_by_its_topics(recorded, tmp_path):
@@ -266,10 +235,6 @@ def test_bags_that_are_none_are_refused_in_one_line(recorded, tmp_path):
     assert "no such file" in run(*command(tmp_path / "nowhere", tmp_path), code=2)
     (tmp_path / "folder").mkdir()
     assert "metadata" in run(*command(tmp_path / "folder", tmp_path), code=1)
-    broken = write_bag(tmp_path / "broken", recorded[:30], "MCAP")
-    file = next(broken.glob("*.mcap"))
-    file.write_bytes(file.read_bytes()[:300])
-    assert str(broken) in run(*command(broken, tmp_path), code=1)
     typed = write_bag(tmp_path / "typed", recorded[:30])
     line = run(*command(typed, tmp_path, "--set", f"image_topic={LEADER}"), code=1)
     assert f"{LEADER} is nav_msgs/msg/Odometry, not sensor_msgs/msg/Image" in line
@@ -302,6 +267,7 @@ def test_ctrl_c_while_it_draws_keeps_the_scene_and_the_report(
     drawn = command(bag, tmp_path, "--picture", tmp_path / "x.png", *words)
     printed = text_of(run, *drawn, code=130)
     assert json.loads(printed)["images"] == 300 if words else "300 images" in printed
+    assert "does not explain the data" in printed  # the noise, which is not fitted
     assert list(tmp_path.iterdir()) == [sea_of_before]
     assert load_scene(sea_of_before).effects["responsivity"]["gains"]
 

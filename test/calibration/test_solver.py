@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 from calibrated_seas import drive, lights, recorded, sea
 
-from uuv_optical_array.calibration.fit import (
-    CalibrationProblem,
-    refine,
-)
+from uuv_optical_array.calibration.fit import CalibrationProblem, refine
 from uuv_optical_array.calibration.identifiability import undetermined
 from uuv_optical_array.calibration.likelihood import CalibrationLikelihood, Unknowns
 from uuv_optical_array.calibration.parameters import POWER, K, Layout

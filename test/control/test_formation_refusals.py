@@ -4,15 +4,7 @@ import contextlib
 
 import numpy as np
 import pytest
-from followers import (
-    PUBLISHED,
-    SETTINGS,
-    STATION,
-    STILL,
-    command_at,
-    off_station,
-    under_way,
-)
+from followers import PUBLISHED, SETTINGS, STATION, STILL, command_at, off_station, under_way
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -1,5 +1,7 @@
 """Calibrations that refuse: wrong models, drives that tell too little, and what the scene keeps."""
 
+import re
+
 import numpy as np
 import pytest
 from bags import drive_messages, write_bag
@@ -60,12 +62,23 @@ def test_a_model_with_the_wrong_axes_is_refused_and_the_right_one_is_not(fit_noi
 
 
 @pytest.mark.parametrize(("sigma", "refused"), [(1.5, False), (3.0, True)])
-def test_noise_beyond_twice_that_of_the_scene_is_refused_until_it_may_be_fitted(sigma, refused):
-    drive = recorded(scene_of(sensor_noise={"sigma_counts": sigma}), 60, seed=2)
-    found = calibrate(scene_of(), *drive)
+def test_noise_beyond_that_of_the_scene_widens_the_errors_and_beyond_twice_is_refused(
+    sigma, refused
+):
+    scene = scene_of(sensor_noise={"sigma_counts": sigma})
+    drive = recorded(scene, 100, seed=2)
+    found, told = (calibrate(scene_of(), *drive, fit_noise=fit) for fit in (False, True))
     assert bool(found.refusal) is refused
     assert ("give --noise" in found.refusal) is refused
-    assert not calibrate(scene_of(), *drive, fit_noise=True).refusal
+    assert not told.refusal
+    assert found.misfit == pytest.approx((sigma**2 + 1 / 12) / (1 + 1 / 12), rel=0.1)
+    notes = " ".join(found.notes)
+    assert "does not explain the data" in notes
+    (noise,) = re.findall(r"sensor_noise\.sigma_counts (\S+) would explain", notes)
+    assert float(noise) == pytest.approx(sigma, rel=0.05)
+    assert largest_pull(found, scene) < 4
+    for name, parameter in named(found).items():  # as large as with the noise that there is
+        assert parameter.std == pytest.approx(named(told)[name].std, rel=0.05), name
 
 
 def test_a_drive_that_stands_still_leaves_the_gains_as_they_were():

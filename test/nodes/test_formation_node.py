@@ -107,7 +107,6 @@ def test_every_command_is_the_controllers_at_the_simulated_time_in_the_followers
         (lambda m: setattr(m.pose.pose.position, "x", 40.0), ("outlier", "beyond the reach")),
         (lambda m: setattr(m.header, "stamp", time_of(START)), ("100.0", "not after")),
     ],
-    ids=["too fast", "outlier", "repeated stamp"],
 )
 def test_a_bad_pose_is_told_and_steers_nothing(helm, spoil, words):
     helm.see([-7.0, 0.0, 0.0, 0.0, 0.0])
@@ -120,6 +119,17 @@ def test_a_bad_pose_is_told_and_steers_nothing(helm, spoil, words):
         helm.check_command()
     helm.see([-7.0, 0.0, 0.0, 0.0, 0.0])
     helm.lab.report(helm.node, OK)
+
+
+def test_a_command_that_is_not_finite_is_held_back_and_told(helm, monkeypatch):
+    helm.see(POSE_ASTERN)
+    with monkeypatch.context() as patch:
+        broken = np.array([0.0, np.nan, 0.0]), np.zeros(3)
+        patch.setattr(helm.node.controller, "command", lambda now: broken)
+        helm.tick()
+        helm.lab.report(helm.node, WARN, "not finite: twist.linear.y of /cmd_vel")
+    helm.check_command()
+    assert len(helm.commands) == 1
 
 
 def test_the_helm_is_given_let_go_with_a_stop_and_taken_back_as_at_the_start(lab):

@@ -304,6 +304,17 @@ def test_an_atomic_set_that_is_refused_leaves_track_estimator_and_parameters(
     assert_is(tracked.track(4), answer.track)
 
 
+def test_tracked_poses_do_not_run_backwards_and_a_clock_that_was_set_back_starts_anew(
+    lab, scene_file, signatures
+):
+    asker = Asker(lab, scene_file, tracking=True, buffer_s=5.0)
+    for signature, seconds in zip(signatures, [100, 102, 101, 103, 50, 51, 52], strict=False):
+        lab.deliver(asker.node, asker.clouds, asker.message(signature, seconds))
+    lab.until(lambda: 52 in asker.seconds_answered(), "the last pose")
+    assert asker.seconds_answered() == [100, 102, 103, 51, 52]
+    lab.report(asker.node, WARN, "late frame", "stamp not later: 50.0")
+
+
 def test_a_frame_that_the_core_refuses_gets_no_pose_and_the_next_one_does(shower, images):
     shower.show(images[0], 1)
     seconds, answered = itertools.count(2), [1]

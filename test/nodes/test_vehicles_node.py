@@ -61,6 +61,15 @@ def test_both_odometries_carry_every_tick_of_the_clock_in_one_world(lab):
         assert {message.child_frame_id for message in heard} == {f"{name}/base_link"}
 
 
+@pytest.mark.parametrize("station_m", [[-4.0, 0.0, 0.0], [-8.0, 1.0, -2.0]])
+def test_the_follower_starts_at_rest_near_its_station(lab, station_m):
+    leader, follower = Basin(lab, station_m=station_m).tick()
+    gap = position(follower) - position(leader)
+    assert gap == pytest.approx(station_m, abs=0.6)
+    assert (rotation(leader).inv() * rotation(follower)).magnitude() < 1e-9
+    assert follower.twist.twist == type(follower.twist.twist)()
+
+
 def test_the_leader_waits_for_the_first_command_and_then_for_none(basin):
     start = position(basin.tick()[0])
     for _ in range(5):
@@ -194,6 +203,10 @@ def over_ground(message):
 @pytest.mark.parametrize("vehicle", ["kinematic", "bluerov2"])
 def test_the_leader_holds_its_path_in_a_current_that_carries_the_follower(lab, vehicle):
     basin = Basin(lab, vehicle_model=vehicle, current_m_per_s=[-0.1, 0.2, 0.0])
+    start = basin.tick()
+    # The sea is still until the leader sets off.
+    for before, now in zip(start, basin.tick(), strict=True):
+        np.testing.assert_allclose(position(now), position(before), atol=1e-9)
     basin.order()
     leader, follower = [basin.tick() for _ in range(100)][-1]
     np.testing.assert_allclose(over_ground(leader), [0.5, 0, 0], atol=0.03)

@@ -140,6 +140,13 @@ def test_in_a_folder_of_this_user_alone_code_is_kept_and_in_no_other(tmp_path):
     assert printed(WAIT_AND_COMPILE, tmp_path) == "1 (1.0, 2.0)"
 
 
+def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
+    (tmp_path / "file").write_text("")
+    below = tmp_path / "file" / "below"
+    assert printed(FOLDER, below) == "None"
+    assert printed(WAIT_AND_COMPILE, below).endswith(" (1.0, 2.0)")
+
+
 def test_functions_of_one_source_that_call_others_have_names_of_their_own():
     """Or one file of the cache would take beer for the housing of another, and poses were wrong."""
     transmits = transmit_beer, transmit_lens, transmit_housing, transmit_port

@@ -1,7 +1,5 @@
 """What serves numbers and arrays alike: each helper in NumPy, and the same source compiled."""
 
-import os
-
 import numpy as np
 import pytest
 from command_line import python
@@ -99,20 +97,3 @@ def test_without_numba_asking_for_it_is_refused_with_the_cure_and_numpy_goes_on(
     assert float(light) == pytest.approx(900.0)
     assert "ValueError: compiled: " in run.stderr
     assert "-m pip install 'numba'" in run.stderr
-
-
-@numba
-def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
-    """The folder for it lies below a file."""
-    (tmp_path / "file").write_text("")
-    code = (
-        "from uuv_optical_array.core.numerics import compilation\n"
-        "from uuv_optical_array.core.numerics.linear_algebra import cholesky\n"
-        "import numpy as np\n"
-        "matrix = np.array([[4.0, 0.0], [2.0, 10.0]])\n"
-        "done = compilation.compiled(cholesky)(matrix)\n"
-        "print(compilation.cache_folder(), done, matrix.tolist())\n"
-    )
-    folder = str(tmp_path / "file" / "below")
-    run = python(code, env={**os.environ, "NUMBA_CACHE_DIR": folder})
-    assert run.stdout.strip() == "None True [[2.0, 0.0], [1.0, 3.0]]"

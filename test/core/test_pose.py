@@ -100,6 +100,13 @@ def test_covariance_6x6_is_the_first_order_map_of_small_errors(pose, roll, roll_
     found = geometry.covariance_6x6(pose, covariance, roll_std)
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
     np.testing.assert_array_equal(found, found.T)
+    # Of several lamps, which show the roll, it goes with the pose.
+    root = np.random.default_rng(seed).normal(size=(6, 6))
+    joint, state = root @ root.T, np.append(pose, roll)
+    jacobian = differentiate(lambda at: fixed_axis_step(here, (at[:5], at[5])), state, step)
+    expected = jacobian @ joint @ jacobian.T
+    found = geometry.covariance_6x6(pose, joint[:5, :5], joint[5])
+    np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
 
 
 def test_the_5x5_comes_back_from_the_6x6_with_the_rolls_share_alone():

@@ -49,39 +49,28 @@ def test_the_window_of_the_paper_is_scipys_hann_of_11_samples_mirrored_at_the_bo
     np.testing.assert_allclose(found.reshape(images.shape), expected, rtol=1e-12)
 
 
-def test_sensor_noise_has_the_stated_mean_and_variance():
-    sigma, number = 3.0, 4000
-    model = make_model(sensor_noise={"sigma_counts": sigma})
-    poses = np.broadcast_to(AHEAD, (number, 5))
-    readings = model.expose(poses, np.random.default_rng(6))
-    noise = (readings - model.expected(AHEAD)).ravel()
-    n = noise.size
-    assert abs(noise.mean()) < stats.norm.isf(1e-6) * sigma / np.sqrt(n)
-    low, high = stats.chi2.ppf([1e-6, 1 - 1e-6], n - 1)
-    assert low < (n - 1) * noise.var(ddof=1) / sigma**2 < high
-    assert stats.kstest(noise / sigma, "norm").pvalue > 1e-4
-    correlation = np.corrcoef((readings - model.expected(AHEAD)).reshape(number, -1).T)
-    assert np.abs(correlation - np.eye(25)).max() < 6 / np.sqrt(number), "detectors independent"
-
-
-def test_a_new_effect_is_one_function_and_one_scene_key_and_noise_variances_add(monkeypatch):
+def test_a_new_effect_is_one_function_and_one_scene_key_and_noises_add(monkeypatch):
     def mains_hum(
         array, *, per_count: Annotated[float, Quantity("variance a count", "counts", 0, 10)]
     ):
         return Noise(0.0, per_count)
 
     monkeypatch.setitem(EFFECTS, "mains_hum", Effect(mains_hum))
-    model = make_model(sensor_noise={"sigma_counts": 2.0}, mains_hum={"per_count": 0.5})
+    model = make_model(sensor_noise={"sigma_counts": 2.0}, mains_hum={"per_count": 0.05})
     light = model.light(AHEAD)
     variance, slope = model.variance(light)
-    np.testing.assert_allclose(variance, 2.0**2 + 0.5 * light, rtol=1e-14)
-    np.testing.assert_array_equal(slope, np.full(light.shape, 0.5))
+    np.testing.assert_allclose(variance, 2.0**2 + 0.05 * light, rtol=1e-14)
+    np.testing.assert_array_equal(slope, np.full(light.shape, 0.05))
     number = 20_000
-    readings = model.expose(np.broadcast_to(AHEAD, (number, 5)), np.random.default_rng(7))
+    readings = model.expose(np.broadcast_to(AHEAD, (number, 5)), np.random.default_rng(6))
+    noise = ((readings - light) / np.sqrt(4 + 0.05 * light)).reshape(number, 25)
+    assert abs(noise.mean()) < stats.norm.isf(1e-6) / np.sqrt(noise.size)
     low, high = stats.chi2.ppf([1e-7, 1 - 1e-7], number - 1) / (number - 1)
-    ratio = readings.var(axis=0, ddof=1) / (4 + 0.5 * light)
-    assert low < ratio.min()
-    assert ratio.max() < high
+    assert low < noise.var(axis=0, ddof=1).min()
+    assert noise.var(axis=0, ddof=1).max() < high
+    assert stats.kstest(noise.ravel(), "norm").pvalue > 1e-4
+    correlation = np.corrcoef(noise.T)
+    assert np.abs(correlation - np.eye(25)).max() < 6 / np.sqrt(number), "detectors independent"
     assert "did you mean mains_hum?" in refusal({"mains_hun": {}})
     assert "per_count" in refusal({"mains_hum": {"per_count": 11}})
     monkeypatch.undo()

@@ -31,20 +31,6 @@ def make_model(array, sigma_deg=8.0, k=0.0, reference_range_m=4.0, window_m=None
     return ForwardModel(scene_from_settings(settings, "test"))
 
 
-def test_a_detector_that_faces_away_has_no_slope_and_no_light():
-    model, pose = (
-        make_model({"shape": "curved", "detectors_per_side": 5, "radius_m": 0.32}),
-        [*(-5.0, 0.0, 0.0, 0.0, 1.0)],
-    )
-    paths = second_forward.rays(model.scene.settings()["array"], pose)
-    away = np.array([path.cosine < 0 for path in paths])
-    assert 0 < away.sum() < 25
-    image, jacobian = model.linearised(pose)
-    assert not image[away].any()
-    assert not jacobian[away].any()
-    assert np.abs(jacobian[~away]).sum(axis=1).all()
-
-
 @pytest.mark.parametrize("axis", [1, 2])
 def test_a_small_off_axis_angle_is_not_lost(axis):
     to = np.array([1.0, 0, 0])
@@ -89,21 +75,10 @@ def test_no_cosine_exceeds_one_by_rounding():
     array=arrays,
     sigma_deg=st.floats(0.5, 60),
     k=st.floats(0, 10),
-    distance=st.one_of(st.sampled_from([0.0, 1e-3, 1e3]), st.floats(1e-3, 1e3)),
-    direction=st.tuples(st.floats(-math.pi, math.pi), st.floats(-math.pi / 2, math.pi / 2)),
+    place=st.tuples(*[st.sampled_from([0.0, 1e-3, -1e-3]) | st.floats(-1e3, 1e3)] * 3),
     attitude=st.tuples(st.floats(-math.pi / 2, math.pi / 2), st.floats(-math.pi, math.pi)),
 )
-def test_extreme_poses_give_finite_light_without_a_warning(
-    array, sigma_deg, k, distance, direction, attitude
-):
-    bearing, elevation = direction
-    place = distance * np.array(
-        [
-            np.cos(elevation) * np.cos(bearing),
-            np.cos(elevation) * np.sin(bearing),
-            np.sin(elevation),
-        ]
-    )
+def test_extreme_poses_give_finite_light_without_a_warning(array, sigma_deg, k, place, attitude):
     model = make_model(array, sigma_deg, k, reference_range_m=5.0, window_m=0.3)
     with np.errstate(over="raise", divide="raise", invalid="raise"), warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -144,13 +144,10 @@ def test_a_small_turn_of_array_or_lamp_appears_as_another_pose(turned):
 
 def twist_by_differences(pose, rate, roll, step=1e-4):
     """Return the twist of a body between two instants, by SciPy's rotations."""
-
-    def axes(at):
-        return Rotation.from_euler("ZYX", [at[4], at[3], roll])
-
     before, after = pose - step * rate, pose + step * rate
-    linear = axes(pose).inv().apply((after - before)[:3])
-    angular = axes(pose).inv().apply((axes(after) * axes(before).inv()).as_rotvec())
+    here, earlier, later = (scipy_rotation(*at[3:], roll) for at in (pose, before, after))
+    linear = here.inv().apply((after - before)[:3])
+    angular = here.inv().apply((later * earlier.inv()).as_rotvec())
     return np.array([*linear, *angular]) / (2 * step)
 
 

@@ -64,8 +64,9 @@ def test_the_second_forward_model_has_every_effect_in_the_same_order():
 def test_the_light_is_that_of_the_second_forward_model(name, data):
     scene = data.draw(scenes([name]))
     model = model_of(scene)
-    # What moves is seen by a follower without roll.
-    time_s = data.draw(times) if name in MOVING else None
+    # What moves is seen by a follower without roll; without a moment there is the mean sea, which
+    # estimators believe.
+    time_s = data.draw(st.none() | times) if name in MOVING else None
     roll = 0.0 if name in MOVING else data.draw(rolls)
     assert_light(model, data.draw(poses), roll, offsets_for(data, model), time_s)
 

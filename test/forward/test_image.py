@@ -40,7 +40,10 @@ def test_the_expected_image_is_the_light_within_the_electronics_limits():
     np.testing.assert_array_equal(model.expected([-3.0, 0, 0, 0, 0]), expected)
 
 
-@pytest.mark.parametrize(("level", "largest"), [(2000.0, 1023), (700.4, 700)])
+@pytest.mark.parametrize(
+    ("level", "largest"),
+    [(2000.0, 1023), (700.4, 700), (100.5, 100), (101.5, 102), (102.3, 102)],
+)
 def test_every_reading_is_a_whole_count_from_zero_to_the_lower_limit(level, largest):
     model = make_model(
         sensor_noise={"sigma_counts": 300.0}, saturation={"level_counts": level}, adc={"bits": 10}
@@ -48,6 +51,7 @@ def test_every_reading_is_a_whole_count_from_zero_to_the_lower_limit(level, larg
     readings = model.expose(np.broadcast_to(ASIDE, (200, 5)), np.random.default_rng(14))
     np.testing.assert_array_equal(readings, np.round(readings))
     assert (readings.min(), readings.max()) == (0, largest)
+    assert model.noise.high == largest
 
 
 def test_a_known_roll_reaches_light_expected_image_and_readings_alike():
@@ -67,12 +71,6 @@ def test_a_nuisance_that_the_scene_does_not_have_is_refused(name):
     for call in (make_model().linearised, make_model().light):
         with pytest.raises(ValueError, match=f"{name}: no nuisance of scene"):
             call(ASIDE, 0.0, {name: np.zeros(())})
-
-
-def test_the_largest_reading_is_at_the_limit_where_saturation_is_no_whole_count():
-    for level in (100.5, 101.5, 102.3):
-        model = make_model(saturation={"level_counts": level}, adc={"bits": 10})
-        assert model.converted(np.array([1e6])) == [model.noise.high]
 
 
 # Of a degree of freedom: its place in the pose, a move, the axis of the image that the spot moves

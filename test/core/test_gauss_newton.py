@@ -53,8 +53,6 @@ def rosenbrock(problem, at):
 def decay(problem, at):
     """Fit ``a exp(-k t)`` to values that no such curve goes through."""
     times, values = problem
-    shape = (len(times),) + (1,) * np.ndim(at[0])
-    times, values = times.reshape(shape), values.reshape(shape)
     curve = np.exp(-at[1] * times)
     jacobian = np.stack([curve, -times * at[0] * curve], axis=1)
     return state_of(at[0] * curve - values, jacobian, at)
@@ -77,8 +75,6 @@ def test_one_step_is_that_of_the_damped_normal_equations():
 
 
 STARTS = np.array([[-1.2, 1.0], [3.0, -4.0], [0.0, 0.0], [-2.0, 5.0], [1.0, 1.0], [8.0, 2.0]])
-
-
 TIMES = np.linspace(0, 4, 12)
 VALUES = 3 * np.exp(-0.7 * TIMES) + 0.2 * np.random.default_rng(1).standard_normal(12)
 

@@ -23,8 +23,6 @@ from uuv_optical_array.forward.scattering import scattered_light
 ARRAY = build_array(ArraySettings("planar", 5))
 AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]
 
-NOISES = ("sensor_noise", "shot_noise", "photodiode")
-
 
 def make_model(chosen=None, **effects):
     return ForwardModel(make_scene(effects=chosen or effects))
@@ -78,7 +76,8 @@ def test_a_new_effect_is_one_function_and_one_scene_key_and_noises_add(monkeypat
 
 
 def test_a_scene_without_noise_draws_no_random_number_and_needs_no_generator():
-    quiet = {name: middle_settings(name) for name in EFFECTS if name not in {*NOISES, "sea"}}
+    left_out = {"sensor_noise", "shot_noise", "photodiode", "sea"}
+    quiet = {name: middle_settings(name) for name in EFFECTS if name not in left_out}
     quiet["ambient"] = {"level_counts": 100.0}  # which does not saturate by itself
     model = make_model(**quiet)
     rng = np.random.default_rng(8)

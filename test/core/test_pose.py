@@ -31,10 +31,8 @@ def turned_about_beam(angle, pose, roll):
 def fixed_axis_step(before, after):
     """Small change of position and attitude, the latter about the fixed axes."""
     (pose_a, roll_a), (pose_b, roll_b) = before, after
-    attitude_a, attitude_b = (
-        scipy_rotation(*pose_a[3:], roll_a),
-        scipy_rotation(*pose_b[3:], roll_b),
-    )
+    attitude_a = scipy_rotation(*pose_a[3:], roll_a)
+    attitude_b = scipy_rotation(*pose_b[3:], roll_b)
     change = (attitude_b * attitude_a.inv()).as_rotvec()
     return np.concatenate([pose_b[:3] - pose_a[:3], change])
 

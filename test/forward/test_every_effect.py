@@ -82,8 +82,8 @@ def assert_light(model, pose, roll, offsets, time_s):
     found = model.light(pose, roll, offsets, time_s)
     expected = second_forward.light(model.scene.settings(), pose, roll, offsets, time_s)
     # Of the sine of a fast flicker after a long time, and of the rim of a narrow housing, the
-    # argument's rounding is what is left; of the rim's foot there is less than 1e-12 counts.
-    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-10 * expected.max() + 1e-12)
+    # argument's rounding is what is left.
+    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-10 * expected.max())
 
 
 @each_effect

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
+from scipy.special import expit
 
 from uuv_optical_array.forward.effects.electronics import PARTS
 
@@ -147,7 +148,7 @@ def field_of_view(ray, lamp, cosine_power=None, half_angle_deg=None, edge_deg=No
         return ray.cosine**cosine_power / ray.cosine
     half, edge = math.radians(half_angle_deg), math.radians(edge_deg)
     within = (ray.cosine - math.cos(half)) / (math.sin(half) * edge / 2)
-    return (1 + math.tanh(within)) / 2
+    return float(expit(2 * within))
 
 
 def window(ray, lamp, index, behind_index, water_index):

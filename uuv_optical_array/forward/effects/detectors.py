@@ -3,7 +3,7 @@
 from typing import Annotated, Any
 
 import numpy as np
-from numpy import exp, log, maximum, minimum, sqrt, tanh
+from numpy import exp, log, maximum, minimum, sqrt
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import choose, law
@@ -30,8 +30,11 @@ def lens(range_m: Any, incidence: Any, power: Any, _b: Any, _c: Any) -> Any:
 @law
 def housing(range_m: Any, cosine: Any, cosine_half: Any, width: Any, _c: Any) -> Any:
     """Cut-off by the rim of a housing, in the cosine: a `Transmission`."""
-    inside = tanh((cosine - cosine_half) / width)
-    return 0.5 * (1 + inside), 0.0, (1 - inside) / width, 0.0
+    beyond = 2 * (cosine_half - cosine) / width
+    # As (1 + tanh) / 2, but no digit is lost where next to nothing is left.
+    small = exp(-abs(beyond))
+    lost = choose(beyond > 0, 1.0, small) / (1 + small)
+    return choose(beyond > 0, small, 1.0) / (1 + small), 0.0, 2 * lost / width, 0.0
 
 
 def field_of_view(

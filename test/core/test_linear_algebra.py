@@ -8,6 +8,7 @@ from scipy import linalg
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.linear_algebra import (
     cholesky,
+    qr,
     solve,
     solve_lower,
     solve_upper,
@@ -69,7 +70,13 @@ def test_a_system_is_solved_as_numpy_solves_it_and_a_singular_one_is_refused(col
     np.testing.assert_array_equal(solve(matrix, right), np.linalg.solve(matrix, right))
     np.testing.assert_array_equal(matrix, before[0])
     np.testing.assert_array_equal(right, before[1])
-    matrix[5] = matrix[0] - matrix[1]
     matrix[:, 5] = 0.0
     with pytest.raises(np.linalg.LinAlgError):
         solve(matrix, right)
+
+
+@pytest.mark.parametrize("rows", [5, 25])
+def test_the_factors_of_a_matrix_are_numpys(rows):
+    matrix = np.random.default_rng(rows).standard_normal((rows, 5))
+    for found, expected in zip(qr(matrix), np.linalg.qr(matrix), strict=True):
+        np.testing.assert_array_equal(found, expected)

@@ -1,9 +1,10 @@
-"""Linear systems so small that what NumPy does around LAPACK takes longer than the sums.
+"""Linear algebra of matrices so small that the checks around LAPACK take longer than the sums.
 
-A call of LAPACK itself does, too, where a compiled loop has Cholesky's factor.
+`solve` and `qr` call LAPACK without them. Cholesky's factor is written out, for compiled loops.
 """
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,22 @@ def solve(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np
     if singular:
         raise np.linalg.LinAlgError("Singular matrix")
     return np.asarray(solution)
+
+
+def qr(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what `numpy.linalg.qr` returns, of no fewer rows than columns."""
+    factor, scales, *_ = lapack.dgeqrf(matrix)
+    return lapack.dorgqr(factor, scales)[0], upper(factor[: factor.shape[1]])
+
+
+def upper(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a square matrix with zeros below its diagonal."""
+    return np.asarray(matrix * _upper_mask(len(matrix)))
+
+
+@cache
+def _upper_mask(size: int) -> NDArray[np.float64]:
+    return np.triu(np.ones((size, size)))
 
 
 def cholesky(matrix: Any) -> bool:

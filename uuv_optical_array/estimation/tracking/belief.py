@@ -12,13 +12,13 @@ with Applications to Tracking and Navigation*, 2001, ch. 5.2.5), and no variance
 """
 
 import math
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
 
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.numerics.linear_algebra import upper
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.track import POSE
 from uuv_optical_array.estimation.unknowns.constants import Constants, drift
@@ -143,16 +143,6 @@ def triangular(root: Array) -> Array:
     # Rows in reverse order, as LAPACK is faster by columns.
     factor, *_ = lapack.dgeqrf(root[::-1].T)
     return np.asarray(upper(factor[:size]).T[::-1, ::-1])
-
-
-def upper(matrix: Array) -> Array:
-    """Return a square matrix with zeros below its diagonal."""
-    return np.asarray(matrix * _upper_mask(len(matrix)))
-
-
-@cache
-def _upper_mask(size: int) -> Array:
-    return np.triu(np.ones((size, size)))
 
 
 def weigh(motion: Motion, biases: Biases, observation: Observation) -> tuple[float, float]:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import lapack, solve_triangular
 
 from uuv_optical_array.core.geometry import Array, wrapped
-from uuv_optical_array.core.numerics.linear_algebra import solve
+from uuv_optical_array.core.numerics.linear_algebra import qr, solve
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import (
     Biases,
@@ -24,7 +24,6 @@ from uuv_optical_array.estimation.tracking.belief import (
     Observation,
     correct,
     triangular,
-    upper,
     weigh,
 )
 from uuv_optical_array.estimation.tracking.keyframes import BiasFit, Keyframe, Keyframes
@@ -194,8 +193,7 @@ class Correction:
         residuals = residuals - by_pose @ off[:5] - by_learnt @ biased
         # Of as many numbers, whose noise is white, the rest does not depend on the pose
         # (G. J. Bierman, *Factorization Methods for Discrete Sequential Estimation*, 1977, ch. 4).
-        factor, scales, *_ = lapack.dgeqrf(by_pose)
-        basis, by_pose = lapack.dorgqr(factor, scales)[0], upper(factor[:5])
+        basis, by_pose = qr(by_pose)
         by_biases = np.zeros((5, len(biases)))
         by_biases[:, :learnt] = basis.T @ by_learnt
         return Observation(basis.T @ residuals, by_pose, by_biases)

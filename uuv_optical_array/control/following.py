@@ -1,22 +1,87 @@
 """Whether a follower has its leader, and what it does about it: one state, from start to end.
 
 - ``waiting``: no pose has steered yet.
-- ``locked``: the leader's light steers.
-- ``coasting``: the light is gone, and the follower goes on as the leader was moving.
-- ``searching``: it moves and turns to where the leader may be by now.
-- ``lost``: the search has ended without light; the follower holds.
+- ``locked``: the leader's light steers, by the law of `formation`.
+- ``coasting``: the light is gone. The follower goes on as the leader was moving, for as long as its
+  turns are not likely to lead out of sight of the way that it had.
+- ``searching``: it goes to where most of the leaders that may be by now would be seen from
+  (`leader_belief`), with the bow to them, within limits of time, distance, depth and turn.
+- ``lost``: the search has ended without light. The follower holds where it is, or does what the
+  operator has set. Light that comes back is followed again.
 - ``disengaged``: the follower is left to others.
+
+Without light it knows its own way by its commands, or by a velocity that is measured. It keeps the
+minimum distance to where the lamp was last seen, as the leader may have stopped there, and to where
+it is going.
+
+Light that comes back is not believed at once: a track that begins while the vehicles move, of few
+and dim images, may be false. Poses have to agree for ``settle_s`` and know their range before they
+steer; until then each is a glimpse that guides the search.
 """
 
-from typing import Literal, NamedTuple, get_args
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple, get_args
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.control.formation import FormationController, FormationSettings
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.control.formation import (
+    FormationController,
+    FormationSettings,
+    KeepOff,
+    LeaderTrack,
+    bow_to,
+)
+from uuv_optical_array.control.leader_belief import LeaderBelief, SightSettings
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.tracking.motion import in_beacon
+from uuv_optical_array.estimation.tracking.track import Outlier
 
 StateName = Literal["waiting", "locked", "coasting", "searching", "lost", "disengaged"]
 STATES: tuple[StateName, ...] = get_args(StateName)
+LostAction = Literal["hold", "surface", "disengage"]
+
+PLAN_S = 1.0  # between two looks for a better place
+SETTLED_SHARE = 0.5  # of its range, below which three standard deviations of it have to be
+# How far a leader may be from where its last motion leads: m/s, m/s^2.
+STRAY_M_PER_S, STRAY_M_PER_S2 = 0.15, 0.1
+IMAGES_S = 2.0  # without any image until a search would be blind
+PASSING = 1.3  # distance at which a lamp that may have stopped is passed, in minimum distances
+SURFACE_M_PER_S = 0.2
+MEASURED_S = 1.0  # age beyond which a measured velocity is not used
+
+
+@dataclass(frozen=True)
+class SearchSettings(SightSettings):
+    """What a follower does without light."""
+
+    coast_s: Annotated[
+        float, Quantity("without light until it searches; its leader may turn later", "s", 0, 60)
+    ] = 8.0
+    search_time_s: Annotated[
+        float, Quantity("without light until the search ends; 0: none", "s", 0, 3600)
+    ] = 90.0
+    search_start_s: Annotated[
+        float, Quantity("without light at the start until it searches; 0: never", "s", 0, 600)
+    ] = 5.0
+    search_distance_m: Annotated[
+        float, Quantity("farthest from where the light went", "m", 0, 1000)
+    ] = 40.0
+    search_depth_m: Annotated[
+        float, Quantity("farthest above and below where the light went", "m", 0, 100)
+    ] = 3.0
+    search_turn_deg: Annotated[
+        float, Quantity("farthest from the heading at which the light went", "deg", 0, 180)
+    ] = 150.0
+    settle_s: Annotated[
+        float, Quantity("for which poses agree before light that came back steers", "s", 0, 10)
+    ] = 0.8
+    when_lost: Annotated[
+        LostAction, Quantity("what follows a search in vain: hold the place, rise, or disengage")
+    ] = "hold"
 
 
 class State(NamedTuple):
@@ -35,32 +100,331 @@ class State(NamedTuple):
 class Following:
     """Keep station while there is light, and find the leader again when it is gone."""
 
-    def __init__(self, settings: FormationSettings) -> None:
+    def __init__(
+        self, settings: FormationSettings, search: SearchSettings = SearchSettings()
+    ) -> None:
         self._law = FormationController(settings)
-        self.state = State("waiting", float("nan"), "no pose has come yet")
+        self._begin()
+        self.configure(settings, search)
 
-    def configure(self, settings: FormationSettings) -> None:
+    def _begin(self) -> None:
+        self.state = State("waiting", math.nan, "no pose has come yet")
+        self._dark: _Dark | None = None
+        self._trusted = True  # whether poses steer without having to settle
+        self._settling: list[float] = []  # stamps of the poses that agree
+        self._image_s = -math.inf
+        self._began_s = math.nan  # when the first image came
+        self._twist: Array = np.zeros(5)  # commanded last
+        self._measured: tuple[float, Array] | None = None
+
+    def configure(
+        self, settings: FormationSettings, search: SearchSettings = SearchSettings()
+    ) -> None:
         """Use other settings from now on; what is known of the leader stays."""
         self._law.configure(settings)
+        self._settings, self._search = settings, search
+
+    def engage(self, wanted: bool, now_s: float) -> None:
+        """Steer from the next pose on, or leave the follower to others; nothing is remembered."""
+        self._law = FormationController(self._settings)
+        self._begin()
+        if not wanted:
+            self.state = State("disengaged", now_s, "the follower is left to others")
+
+    def looked(self, stamp_s: float) -> None:
+        """Note that an image was taken, s, whether it shows light or not.
+
+        A search goes on only while images come, as it would be blind without.
+        """
+        self._image_s = stamp_s
+        if math.isnan(self._began_s):
+            self._began_s = stamp_s
+
+    def moved(self, stamp_s: float, linear: ArrayLike, angular: ArrayLike) -> None:
+        """Take the follower's measured velocity, m/s and rad/s, ``(3,)`` each, in its frame.
+
+        While it comes, it takes the place of the commands in the dark.
+        """
+        self._measured = stamp_s, np.concatenate([linear, np.asarray(angular)[1:]]).astype(float)
+
+    def search(self, now_s: float) -> None:
+        """Search for the leader now, from where the follower is."""
+        if self._dark is None:
+            track = self._law.seen(now_s)
+            self._go_dark(now_s, track)
+        self._to("searching", now_s, "it was told to")
 
     def update(
         self, stamp_s: float, pose: ArrayLike, covariance: ArrayLike, rate: ArrayLike
     ) -> None:
-        """Take a relative pose and its rate; arguments and errors of `FormationController`."""
-        self._law.update(stamp_s, pose, covariance, rate)
+        """Take a relative pose and its rate.
+
+        Arguments and errors are those of `FormationController.update`; without light also Outlier
+        for a lamp where the leader cannot be yet.
+        """
+        self.looked(stamp_s)
+        dark = self._dark
+        if dark is None:
+            self._law.update(stamp_s, pose, covariance, rate)
+            return
+        pose, covariance = np.array(pose, dtype=float), np.array(covariance, dtype=float)
+        if self.state.name == "coasting":
+            dark.check(pose, covariance)
+        try:
+            self._law.update(stamp_s, pose, covariance, rate)
+        except NoPose:
+            dark.glimpse(pose, covariance)
+            self._settling.clear()
+            raise
+        track = self._law.seen(stamp_s)
+        assert track is not None
+        dark.glimpse(pose, covariance)
+        if self._settling and stamp_s - self._settling[-1] > self._settings.light_timeout_s:
+            self._settling.clear()
+        if track.margin_m > SETTLED_SHARE * float(np.linalg.norm(pose[:3])):
+            self._settling.clear()
+        else:
+            self._settling.append(stamp_s)
+        agreed = len(self._settling) >= 3
+        if agreed and self._settling[-1] - self._settling[0] >= self._search.settle_s:
+            self._to("locked", stamp_s, f"light came back {dark.found(pose)}")
+            self._dark = None
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:
         """Return the twist to command at the present, s; ``None`` where there is nothing to do.
 
         It is in the follower's frame, m/s and rad/s, shape ``(3,)`` each.
         """
+        if self.state.name == "disengaged":
+            return None
+        if self._dark is None:
+            if self._law.seen(now_s) is not None:
+                if self.state.name != "locked":
+                    self._to("locked", now_s, "the leader's light steers")
+                return self._sent(self._law.command(now_s))
+            if self.state.name == "waiting":
+                return self._waiting(now_s)
+            self._go_dark(now_s, self._law.last)
+            self._to("coasting", now_s, "the light is gone; the leader is taken to go on")
+        dark = self._dark
+        assert dark is not None
+        dark.advance(now_s, self._own_twist(now_s))
+        self._next_state(now_s, dark)
+        if self.state.name == "disengaged":
+            return np.zeros(3), np.zeros(3)
+        return self._sent(self._driven(now_s, dark))
+
+    def _waiting(self, now_s: float) -> tuple[Array, Array] | None:
+        start_s = self._search.search_start_s
         command = self._law.command(now_s)
-        if command is not None and self.state.name == "waiting":
-            self.state = State("locked", now_s, "the leader's light steers")
+        if command is not None or start_s == 0 or not self._images_come(now_s):
+            return command
+        if now_s - self._began_s > start_s:
+            self._go_dark(now_s, None)
+            self._to("searching", now_s, "no light since the start")
+        return None
+
+    def _images_come(self, now_s: float) -> bool:
+        return abs(now_s - self._image_s) <= IMAGES_S
+
+    def _next_state(self, now_s: float, dark: "_Dark") -> None:
+        """Go on from coasting to searching, and to the end of the search."""
+        name, s = self.state.name, self._search
+        if name == "coasting" and dark.age_s > s.coast_s:
+            name = "searching"
+            self._to(name, now_s, "the leader may have turned; the likely places are looked at")
+        if name != "searching":
+            return
+        why = ""
+        if dark.age_s > s.search_time_s:
+            why = f"no light for {s.search_time_s:g} s"
+        elif not self._images_come(now_s):
+            why = "no image comes, so that a search would be blind"
+        if why:
+            self._to("lost", now_s, f"{why}; it is told to {s.when_lost}")
+            dark.held = dark.own.copy()
+            if s.when_lost == "disengage":
+                self._to("disengaged", now_s, f"{why}; the follower is left to others")
+
+    def _driven(self, now_s: float, dark: "_Dark") -> tuple[Array, Array]:
+        if self.state.name == "coasting":
+            error, speed, to_body, lamps = dark.coast()
+        elif self.state.name == "searching":
+            error, speed, to_body, lamps = dark.search(now_s)
+        else:
+            rise = SURFACE_M_PER_S if self._search.when_lost == "surface" else 0.0
+            error, speed, to_body, lamps = dark.hold(rise)
+        return self._law.drive(now_s, error, speed, to_body, lamps)
+
+    def _go_dark(self, now_s: float, track: LeaderTrack | None) -> None:
+        self._settling.clear()
+        self._dark = _Dark(self._settings, self._search, now_s, track, self._law)
+
+    def _own_twist(self, now_s: float) -> Array:
+        """Return the follower's own motion, as it is measured or else commanded."""
+        if self._measured and abs(now_s - self._measured[0]) <= MEASURED_S:
+            return self._measured[1]
+        return self._twist
+
+    def _sent(self, command: tuple[Array, Array] | None) -> tuple[Array, Array] | None:
+        if command is not None:
+            self._twist = np.concatenate([command[0], command[1][1:]])
         return command
 
-    def engage(self, wanted: bool, now_s: float) -> None:
-        """Steer from the next pose on, or leave the follower to others; nothing is remembered."""
+    def _to(self, name: StateName, now_s: float, reason: str) -> None:
+        self.state = State(name, now_s, reason)
 
-    def search(self, now_s: float) -> None:
-        """Search for the leader now, from where the follower is."""
+
+class _Dark:
+    """The time without light, in a frame that stays in the water: the lamp's, as the light went.
+
+    - own: where the follower is by its own motion, ``(5,)``.
+    - age_s: time without light, s.
+    - held: where it was when it gave up.
+    """
+
+    def __init__(
+        self,
+        settings: FormationSettings,
+        search: SearchSettings,
+        now_s: float,
+        track: LeaderTrack | None,
+        law: FormationController,
+    ) -> None:
+        self._settings, self._search = settings, search
+        self._station = np.array([*settings.station_m, 0.0, 0.0])
+        self._now_s, self._planned_s, self._goal = now_s, -math.inf, 0
+        self._side = 1.0  # on which a lamp is passed: port
+        self.age_s, self._margin_m = 0.0, 0.0
+        self._stopped = track is not None  # whether a leader may be where the lamp was seen
+        if track is None:
+            self.own = self._station.copy()
+            self._belief = LeaderBelief.at_start(search)
+            self._coasted = self._belief
+        else:
+            stamp_s = track.stamp_ns * 1e-9
+            way = law.moved_since(track.stamp_ns, now_s)
+            self.own = wrapped(track.pose + in_beacon(track.pose, way))
+            turn = -track.leader_rate[3:]
+            speed = -track.leader_rate[:3] - _turning(turn, track.pose[:3])
+            self._belief = LeaderBelief(search, speed, turn)
+            self._margin_m = track.margin_m
+            self._belief.pass_time(now_s - stamp_s)
+            self.age_s = now_s - stamp_s
+        self._start, self.held = self.own.copy(), self.own.copy()
+
+    def advance(self, now_s: float, twist: Array) -> None:
+        """Move on to the present, s, by the follower's own motion, ``(5,)``."""
+        step_s = min(max(now_s - self._now_s, 0.0), 1.0)
+        self._now_s = now_s
+        self.own = wrapped(self.own + step_s * in_beacon(self.own, twist))
+        self.age_s += step_s
+        self._belief.advance(step_s, self.own)
+
+    def check(self, pose: Array, covariance: Array) -> None:
+        """Raise Outlier for a lamp that is farther off than the leader's can be by now."""
+        place, _ = self._belief.seen_at(self.own, pose)
+        off_m = float(np.linalg.norm(place - self._belief.likeliest()[0]))
+        std_m = 3 * math.sqrt(float(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
+        age_s = self.age_s
+        most_m = self._margin_m + std_m + age_s * (STRAY_M_PER_S + STRAY_M_PER_S2 * age_s)
+        if off_m > most_m:
+            raise Outlier(
+                f"outlier: a lamp {off_m:.3g} m from where the leader is expected, more than "
+                f"{most_m:.2g} m: another lamp"
+            )
+
+    def glimpse(self, pose: Array, covariance: Array) -> None:
+        """Let a pose that is not trusted yet guide the search."""
+        self._belief.glimpse(self.own, pose, covariance)
+        self._planned_s = -math.inf
+
+    def found(self, pose: Array) -> str:
+        """Say after how long a pose came, and how far off the follower's station."""
+        off_m = float(np.linalg.norm(pose[:3] - self._station[:3]))
+        return f"after {self.age_s:.1f} s, {off_m:.1f} m off the station"
+
+    def coast(self) -> tuple[Array, Array, Array, list[KeepOff]]:
+        """Return what `FormationController.drive` takes, towards where the station would be."""
+        return self._towards(self._belief.newest)
+
+    def _towards(self, k: int) -> tuple[Array, Array, Array, list[KeepOff]]:
+        """Return what steers to the station behind a hypothesis of the leader."""
+        place, heading = self._belief.places[k], self._belief.headings[k]
+        speed, turn = self._belief.motion(k)
+        at = rotation_matrix(*heading)
+        rel = wrapped(np.concatenate([at.T @ (self.own[:3] - place), self.own[3:] - heading]))
+        to_body = rotation_matrix(rel[PITCH], rel[YAW]).T
+        moving = np.concatenate([speed + _turning(turn, rel[:3]), turn])
+        lamps = [self._lamp(place, at @ speed), *self._last_seen()]
+        return wrapped(self._station - rel), moving, to_body, lamps
+
+    def search(self, now_s: float) -> tuple[Array, Array, Array, list[KeepOff]]:
+        """Return the same, towards the place from which the leader is seen most likely."""
+        if now_s - self._planned_s >= PLAN_S:
+            self._planned_s = now_s
+            speed = self._settings.max_surge_m_per_s
+            self._goal = self._belief.goal(self.own, self._station, speed)
+        k, s = self._goal, self._search
+        place, at = self._belief.places[k], rotation_matrix(*self._belief.headings[k])
+        speed, turn = self._belief.motion(k)
+        goal = place + at @ self._station[:3]
+        moving = at @ (speed + _turning(turn, self._station[:3]))
+        goal, passing = self._around(goal)
+        way = goal[:3] - self._start[:3]
+        length = float(np.linalg.norm(way))
+        if length > s.search_distance_m:
+            goal, moving = self._start[:3] + s.search_distance_m / length * way, np.zeros(3)
+        low, high = self._start[2] - s.search_depth_m, self._start[2] + s.search_depth_m
+        goal[2] = min(max(goal[2], low), high)
+        pitch, yaw = bow_to(place - self.own[:3])
+        most = math.radians(s.search_turn_deg)
+        turned = math.remainder(yaw - self._start[YAW], 2 * math.pi)
+        yaw = self._start[YAW] + min(max(turned, -most), most)
+        pitch = min(max(pitch, -0.3), 0.3)
+        error = wrapped(np.array([*goal, pitch, yaw]) - self.own)
+        speed5 = np.array([*(np.zeros(3) if passing else moving), 0.0, 0.0])
+        to_body = rotation_matrix(*self.own[3:]).T
+        lamps = [self._lamp(place, at @ speed), *self._last_seen()]
+        return error, speed5, to_body, lamps
+
+    def hold(self, rise_m_per_s: float) -> tuple[Array, Array, Array, list[KeepOff]]:
+        """Return the same, towards where the search ended, or upwards."""
+        goal = self.held.copy()
+        if rise_m_per_s:
+            goal[2] = self.own[2]
+        speed = np.array([0.0, 0.0, rise_m_per_s, 0.0, 0.0])
+        return wrapped(goal - self.own), speed, rotation_matrix(*self.own[3:]).T, []
+
+    def _around(self, goal: Array) -> tuple[Array, bool]:
+        """Return a goal beside the lamp that may have stopped, where that is in the way."""
+        least_m = PASSING * self._settings.min_distance_m
+        if not (self._stopped and least_m):
+            return goal, False
+        to_goal, to_lamp = goal - self.own[:3], -self.own[:3]
+        length = float(np.linalg.norm(to_goal))
+        if length < 1e-6:
+            return goal, False
+        way = to_goal / length
+        ahead_m = float(way @ to_lamp)
+        beside = -(to_lamp - ahead_m * way)  # from the lamp to the nearest place of the way
+        off_m = float(np.linalg.norm(beside))
+        if not 0 < ahead_m < length + least_m or off_m >= least_m:
+            return goal, False
+        side = beside / off_m if off_m > 0.2 else np.array([-way[1], way[0], 0.0]) * self._side
+        return least_m * side / max(float(np.linalg.norm(side)), 1e-6), True
+
+    def _last_seen(self) -> list[KeepOff]:
+        return [self._lamp(np.zeros(3), np.zeros(3))] if self._stopped else []
+
+    def _lamp(self, place: Array, velocity: Array) -> KeepOff:
+        off = self.own[:3] - place
+        range_m = float(np.linalg.norm(off))
+        away = off / range_m if range_m > 0 else np.array([-1.0, 0.0, 0.0])
+        to_body = rotation_matrix(*self.own[3:]).T
+        return KeepOff(range_m - self._margin_m, to_body @ away, -float(away @ velocity))
+
+
+def _turning(turn: Array, place: Array) -> Array:
+    """Return the velocity of a place that turns by a pitch and yaw rate, rad/s, ``(3,)``."""
+    return np.cross([0.0, *turn], place)

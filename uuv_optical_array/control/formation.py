@@ -1,4 +1,4 @@
-"""The control law that keeps a follower on station behind the leader.
+"""The control law that keeps a follower on station behind the leader, while there is light.
 
 It takes relative pose and rate from the estimator's tracker, subtracts its own command from the
 rate, which leaves the leader's motion, and predicts the pose to the present by that motion and its
@@ -23,13 +23,14 @@ than `RANGE_STDS` of its published standard deviations and the leader does not c
 itself. A range that errs by more cannot be recognised. A command of zero is rest in the water:
 without light a current carries the follower along.
 
-A refused pose steers nothing, and where no other comes the follower stops. Beyond the minimum a
-pose is refused whose range may err by itself, which is all that the track says while the images are
-not of the scene (`Track.mismatch`), and one that no vehicle can have reached since the one before.
-The tracker finds outliers less far off.
+A refused pose steers nothing, and where no other comes the follower stops, unless `following` lets
+it go on. Beyond the minimum a pose is refused whose range may err by itself, and one that the
+leader cannot have reached since the one before: another lamp, or a false pose. The tracker finds
+outliers less far off.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
@@ -40,16 +41,12 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.core.settings import Place, Quantity
 from uuv_optical_array.estimation.tracking.measurement import checked_pose
-from uuv_optical_array.estimation.tracking.motion import (
-    MAX_RATE,
-    OwnMotion,
-    checked_rate,
-    in_beacon,
-)
+from uuv_optical_array.estimation.tracking.motion import OwnMotion, checked_rate, in_beacon
 from uuv_optical_array.estimation.tracking.track import Outlier
 
 STATION = Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
 RANGE_STDS = 3.0  # how far a range may err, in standard deviations
+REACH_M_PER_S = 2.0  # by which a leader's relative motion may differ from one pose to the next
 MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 
 
@@ -68,19 +65,22 @@ class FormationSettings:
         float, Quantity("turn rate per attitude error", "1/s", 0.01, 2)
     ] = 0.4
     smoothing_s: Annotated[float, Quantity("time constant of the command", "s", 0.01, 10)] = 0.7
-    max_surge_m_per_s: Annotated[float, Quantity("fastest surge", "m/s", 0.01, 5)] = 1.0
-    max_sway_m_per_s: Annotated[float, Quantity("fastest sway and heave", "m/s", 0.01, 5)] = 0.6
-    max_turn_deg_per_s: Annotated[float, Quantity("fastest turn", "deg/s", 0.1, 90)] = 10.0
+    max_surge_m_per_s: Annotated[float, Quantity("fastest surge", "m/s", 0.01, 5)] = 1.4
+    max_sway_m_per_s: Annotated[float, Quantity("fastest sway and heave", "m/s", 0.01, 5)] = 1.0
+    max_turn_deg_per_s: Annotated[float, Quantity("fastest turn", "deg/s", 0.1, 90)] = 30.0
     max_acceleration_m_per_s2: Annotated[
         float, Quantity("of the commanded speed", "m/s^2", 0.01, 5)
-    ] = 0.2
+    ] = 0.5
     max_acceleration_deg_per_s2: Annotated[
         float, Quantity("of the commanded turn", "deg/s^2", 0.1, 90)
-    ] = 3.0
+    ] = 15.0
     light_timeout_s: Annotated[
         float, Quantity("without a pose until the light is lost", "s", 0.1, 60)
     ] = 1.0
     stop_time_s: Annotated[float, Quantity("from lost light to standstill", "s", 0.1, 60)] = 3.0
+    bow_to_lamp: Annotated[
+        bool, Quantity("point the bow at the lamp, in place of along the leader's")
+    ] = False
 
     def __post_init__(self) -> None:
         if not self.station_m[0] <= -0.5:
@@ -90,7 +90,7 @@ class FormationSettings:
             )
 
 
-class _Odometry(NamedTuple):
+class LeaderTrack(NamedTuple):
     """A checked pose, by what its range may err, m, and the leader's motion in its rate."""
 
     stamp_ns: int
@@ -99,13 +99,26 @@ class _Odometry(NamedTuple):
     leader_rate: Array
 
 
+class KeepOff(NamedTuple):
+    """A lamp to keep off.
+
+    - nearest_m: how near it may be, m.
+    - away: unit vector from it, in the follower's axes, shape ``(3,)``.
+    - drift: by which it makes the range grow, m/s.
+    """
+
+    nearest_m: float
+    away: Array
+    drift: float = 0.0
+
+
 class FormationController:
     """Keep station and the leader's attitude; none nearer than the minimum distance is reached."""
 
     def __init__(self, settings: FormationSettings) -> None:
         self._own = OwnMotion()  # the commands
-        self._newest: _Odometry | None = None
-        self._track: _Odometry | None = None  # the newest that was not refused
+        self._newest: LeaderTrack | None = None
+        self._track: LeaderTrack | None = None  # the newest that was not refused
         self._lit = False  # whether it steers: else the light is lost
         self._commanded_ns: int | None = None
         self._rate: Array = np.zeros(5)  # commanded: surge, sway, heave, pitch rate, yaw rate
@@ -134,8 +147,8 @@ class FormationController:
         - pose: ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
         - covariance: of `pose`, shape ``(5, 5)``, positive definite.
         - rate: of `pose`, the follower's own motion included, m/s and rad/s, shape ``(5,)``.
-        - Outlier: for a pose beyond the minimum and farther from the one before, and from the last
-          that steered, than these may err and any vehicle moves meanwhile.
+        - Outlier: for a pose beyond the minimum that is farther from where the last one that
+          steered leads than the two may err and a leader changes its motion meanwhile.
         - NoPose: for a pose beyond the minimum whose range may err by itself.
         - ValueError: for what is not finite, out of bounds or not positive definite, and a stamp
           that does not advance; the controller is left as it was.
@@ -150,27 +163,27 @@ class FormationController:
         range_m, away = _polar(pose[:3])
         margin_m = RANGE_STDS * math.sqrt(away @ np.asarray(covariance)[:3, :3] @ away)
         leader_rate = rate - in_beacon(pose, self._own.twist(stamp_ns))
-        new = self._newest = _Odometry(stamp_ns, pose, margin_m, leader_rate)
+        new = self._newest = LeaderTrack(stamp_ns, pose, margin_m, leader_rate)
         if range_m > self._settings.min_distance_m:
-            self._refuse(new, range_m, before)
+            self._refuse(new, range_m)
         self._track, self._lit = new, True
         self._cruise = self._rate  # lest a stale pose bring the old speed back
 
-    def _refuse(self, new: _Odometry, range_m: float, before: _Odometry | None) -> None:
-        """Raise NoPose where the range may err by itself, or no pose before leads to this one."""
+    def _refuse(self, new: LeaderTrack, range_m: float) -> None:
+        """Raise NoPose where the range may err by itself, or the pose before leads not to this."""
         if new.margin_m >= range_m:
             raise NoPose(
                 f"too uncertain: the range of {range_m:.3g} m has a standard deviation of "
                 f"{new.margin_m / RANGE_STDS:.3g} m"
             )
-        beyond_m = [
-            float(np.linalg.norm(new.pose[:3] - old.pose[:3]))
-            - (new.margin_m + old.margin_m + MAX_RATE[0] * (new.stamp_ns - old.stamp_ns) * 1e-9)
-            for old in (self._track, before)
-            if old and 0 < new.stamp_ns - old.stamp_ns <= self._timeout_ns
-        ]
-        if beyond_m and min(beyond_m) > 0:
-            raise Outlier(f"outlier: {min(beyond_m):.3g} m beyond the reach of the poses before")
+        old = self._track
+        if old is None or not 0 < new.stamp_ns - old.stamp_ns <= self._timeout_ns:
+            return
+        off_m = float(np.linalg.norm(new.pose[:3] - self._predicted(old, new.stamp_ns)[:3]))
+        elapsed_s = (new.stamp_ns - old.stamp_ns) * 1e-9
+        beyond_m = off_m - (new.margin_m + old.margin_m + REACH_M_PER_S * elapsed_s)
+        if beyond_m > 0:
+            raise Outlier(f"outlier: {beyond_m:.3g} m beyond the reach of the pose before")
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:
         """Return the twist to command at the present, s, on the clock of the stamps.
@@ -182,41 +195,103 @@ class FormationController:
         if self._track is None:
             return None
         s = self._settings
-        elapsed_s = 0.0 if self._commanded_ns is None else (now_ns - self._commanded_ns) * 1e-9
-        self._commanded_ns = now_ns
+        elapsed_s = self._elapsed_s(now_ns)
         # A stamp far in the future is as stale as one long past: the clock was reset.
         dark_s = abs(now_ns - self._track.stamp_ns) * 1e-9 - s.light_timeout_s
         if dark_s > 0:
             self._lit = False
             self._rate = self._cruise * max(0.0, 1.0 - dark_s / s.stop_time_s)
         elif self._lit:
-            elapsed_s = min(max(elapsed_s, 0.0), s.light_timeout_s)
             self._cruise = self._rate = self._steered(self._track, now_ns, elapsed_s)
         else:
             self._cruise = self._rate  # the clock was set back in the dark: slow down from here
+        return self._commanding(now_ns)
+
+    def seen(self, now_s: float) -> LeaderTrack | None:
+        """Return the pose that steers at a time, s; ``None`` where the light is lost."""
+        if self._track is None or not self._lit:
+            return None
+        age_ns = abs(_nanoseconds("now_s", now_s) - self._track.stamp_ns)
+        return self._track if age_ns <= self._timeout_ns else None
+
+    @property
+    def last(self) -> LeaderTrack | None:
+        """The pose that steered last."""
+        return self._track
+
+    def moved_since(self, stamp_ns: int, now_s: float) -> Array:
+        """Return the integral of the commands from a stamp, ns, to the present, s, ``(5,)``."""
+        now_ns = _nanoseconds("now_s", now_s)
+        return self._own.displacement(stamp_ns, max(now_ns, stamp_ns))
+
+    def drive(
+        self, now_s: float, error: Array, speed: Array, to_body: Array, lamps: Sequence["KeepOff"]
+    ) -> tuple[Array, Array]:
+        """Return the twist to command at the present, s, towards any goal, within all limits.
+
+        - error: from the follower to the goal, m and rad, shape ``(5,)``.
+        - speed: of the goal, m/s and rad/s, shape ``(5,)``, in the axes of `error`.
+        - to_body: rotation from these axes to the follower's, shape ``(3, 3)``.
+        - lamps: to keep off, the last one first.
+        - returned: as of `command`.
+        """
+        now_ns = _nanoseconds("now_s", now_s)
+        elapsed_s = self._elapsed_s(now_ns)
+        self._rate = self._driven(error, speed, to_body, lamps, elapsed_s)
+        return self._commanding(now_ns)
+
+    def _elapsed_s(self, now_ns: int) -> float:
+        """Return the time since the last command, s, from 0 to the light's timeout."""
+        elapsed_s = 0.0 if self._commanded_ns is None else (now_ns - self._commanded_ns) * 1e-9
+        self._commanded_ns = now_ns
+        return min(max(elapsed_s, 0.0), self._settings.light_timeout_s)
+
+    def _commanding(self, now_ns: int) -> tuple[Array, Array]:
         self._own.command(now_ns, self._rate)
         self._own.forget(now_ns - 2 * self._timeout_ns)
         return self._rate[:3].copy(), np.array([0.0, self._rate[PITCH], self._rate[YAW]])
 
-    def _steered(self, track: _Odometry, now_ns: int, elapsed_s: float) -> Array:
+    def _steered(self, track: LeaderTrack, now_ns: int, elapsed_s: float) -> Array:
         """Return the rate to command in the light, a time after the last command, s."""
-        now_ns = max(now_ns, track.stamp_ns)  # a stamp a little in the future is the present
-        pose = (
+        pose = self._predicted(track, max(now_ns, track.stamp_ns))  # of a stamp yet to come: now
+        to_body = rotation_matrix(pose[PITCH], pose[YAW]).T
+        range_m, away = _polar(to_body @ pose[:3])
+        nearest_m = min(range_m, float(np.linalg.norm(track.pose[:3]))) - track.margin_m
+        drift = float(away @ (to_body @ track.leader_rate[:3]))
+        lamp = KeepOff(nearest_m, away, drift)
+        return self._driven(self._goal(pose) - pose, -track.leader_rate, to_body, [lamp], elapsed_s)
+
+    def _predicted(self, track: LeaderTrack, now_ns: int) -> Array:
+        """Return the pose at a later stamp, by the leader's motion and the commands since."""
+        return (
             track.pose
             + (now_ns - track.stamp_ns) * 1e-9 * track.leader_rate
             + in_beacon(track.pose, self._own.displacement(track.stamp_ns, now_ns))
         )
-        to_body = rotation_matrix(pose[PITCH], pose[YAW]).T
-        wanted = self._gain * (self._station - pose) - track.leader_rate
+
+    def _goal(self, pose: Array) -> Array:
+        """Return the pose to take, as seen from one, ``(5,)``: the station, facing the way told."""
+        if not self._settings.bow_to_lamp:
+            return self._station
+        return np.array([*self._station[:3], *bow_to(-pose[:3])])
+
+    def _driven(
+        self,
+        error: Array,
+        speed: Array,
+        to_body: Array,
+        lamps: Sequence["KeepOff"],
+        elapsed_s: float,
+    ) -> Array:
+        """Return the rate towards a goal, a time after the last command, s; as of `drive`."""
+        wanted = self._gain * error + speed
         wanted[:3] = to_body @ wanted[:3]
         wanted = np.clip(wanted, -self._max_rate, self._max_rate)
         change = (wanted - self._rate) * min(elapsed_s / self._settings.smoothing_s, 1.0)
         slew = self._max_slew * elapsed_s
-        rate = self._rate + np.clip(change, -slew, slew)
-        range_m, away = _polar(to_body @ pose[:3])
-        nearest_m = min(range_m, float(np.linalg.norm(track.pose[:3]))) - track.margin_m
-        drift = float(away @ (to_body @ track.leader_rate[:3]))
-        rate[:3] = self._kept_off(rate[:3], nearest_m, away, drift, float(slew[0]))
+        rate: Array = self._rate + np.clip(change, -slew, slew)
+        for lamp in lamps:
+            rate[:3] = self._kept_off(rate[:3], *lamp, float(slew[0]))
         return rate
 
     def _kept_off(
@@ -249,6 +324,11 @@ class FormationController:
         # The limits are convex: what lies between two velocities within them is so, too.
         share = (closing - allowed) / (closing + fastest)
         return velocity + share * (fastest * away - velocity)
+
+
+def bow_to(way: Array) -> tuple[float, float]:
+    """Return the pitch and yaw, rad, at which the bow points along a way, shape ``(3,)``."""
+    return -math.atan2(way[2], math.hypot(way[0], way[1])), math.atan2(way[1], way[0])
 
 
 def _polar(place: Array) -> tuple[float, Array]:

@@ -30,8 +30,8 @@ from uuv_optical_array.forward.prior import POWER, shade_modes
 MOST_TESTED = 49  # detectors
 # Frames of a window are tested together with those of the one before, so often.
 WINDOW_S, CHECK_S = 30.0, 2.0
-# A mismatch is said for so long before what was learnt is forgotten.
-MOST_SAID_S = 2 * WINDOW_S
+# What was learnt is forgotten when a mismatch is found, but no sooner after the last time.
+FORGET_S = 3.0
 EVENNESS, MOST_UNEVEN = "the evenness of the light", 0.6
 MOSTLY_UNEVEN = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s, or since the first"
 LEARNT_OFF = "what was learnt of the scene is off: its prior fits images that this does not"
@@ -49,6 +49,7 @@ class LastingResiduals:
 
     - mismatch: what would explain the frames best; empty while the scene does.
     - said: the same, or of what was learnt, as it was said last.
+    - found: whether frames since the last `begin_anew` showed it.
     """
 
     def __init__(self, constants: Constants) -> None:
@@ -56,7 +57,8 @@ class LastingResiduals:
         self._clear = not constants.names_shades
         self._tests = self._clear and 0 < side**2 == constants.detectors <= MOST_TESTED
         self.mismatch = self.said = ""
-        self._said_ns = 0  # since when
+        self.found = False
+        self._anew_ns = LONG_AGO_NS  # when all frames were last forgotten
         self._by_detector = constants.by_detector
         # Time with frames, of it with uneven ones, as shares of the window; stamp of the last one.
         self._lit, self._uneven, self._light_ns = 0.0, 0.0, 0
@@ -100,21 +102,20 @@ class LastingResiduals:
     def _off(self, error: int, size: float, chance: float) -> str:
         return f"{self._names[error]} is off by {size:+.2g} (chance {chance:.0e})"
 
-    def say(self, stamp_ns: int, biases: Biases, space: BiasSpace) -> str:
-        """Return what would explain the frames up to a stamp, ns, best, or what they taught."""
-        mismatch = self.mismatch or self.beyond_prior(biases, space)
-        if not (mismatch and self.said):
-            self._said_ns = stamp_ns
-        self.said = mismatch
-        return mismatch
+    def say(self, biases: Biases, space: BiasSpace) -> str:
+        """Return what would explain the frames best, or what they taught."""
+        beyond = self.beyond_prior(biases, space)
+        self.found |= bool(beyond)
+        self.said = self.mismatch or beyond
+        return self.said
 
-    def lasts(self, stamp_ns: int) -> bool:
-        """Say whether a mismatch was said for `MOST_SAID_S` at a stamp, ns."""
-        return bool(self.said) and stamp_ns - self._said_ns > MOST_SAID_S * 1e9
+    def misled(self, stamp_ns: int) -> bool:
+        """Say whether what was learnt by a stamp, ns, is to be forgotten."""
+        return self.found and not 0 <= stamp_ns - self._anew_ns < FORGET_S * 1e9
 
     def begin_anew(self, stamp_ns: int, mismatch: str) -> None:
         """Forget all frames; a mismatch is said until those of a whole window show none."""
-        self.said, self._said_ns = mismatch, stamp_ns
+        self.said, self.found, self._anew_ns = mismatch, False, stamp_ns
         if self._tests:
             self.mismatch = mismatch
             self._begin(LONG_AGO_NS)
@@ -185,6 +186,6 @@ class LastingResiduals:
         best = int(scores.argmax())
         chance = min(chdtrc(len(white), white @ white), len(scores) * chdtrc(1, scores[best]))
         if chance < CHANCE:
-            self.mismatch = self._off(best, sizes[best], chance)
+            self.found, self.mismatch = True, self._off(best, sizes[best], chance)
         elif last:
             self.mismatch = ""

@@ -77,8 +77,6 @@ POSE_STD = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of an unkno
 # A manoeuvre changes the rate by so much from one frame to the next, m/s and rad/s, in one frame of
 # a hundred; its cost is twice the negative logarithm of that.
 MANOEUVRE_STD, MANOEUVRE_COST = np.array([0.2, 0.2, 0.2, 0.3, 0.3]), 2 * math.log(100)
-# Standard deviation of a pose whose images are not of the scene: a share of its range, and rad.
-UNKNOWN = 0.5
 
 
 @dataclass(frozen=True)
@@ -160,10 +158,8 @@ class Tracker:
         - StampRefused: for a frame older than the buffer, or a stamp that is in it.
         - ValueError: for a pose, covariance or readings of wrong shape or out of bounds.
         """
-        if self._residuals.lasts(stamp_ns):
-            self.forget(
-                stamp_ns, self._residuals.said
-            )  # it may be over, and it taught what is wrong
+        if self._residuals.misled(stamp_ns):
+            self.forget(stamp_ns, self._residuals.said)
         s, history, previous = self._settings, self._history, self._previous
         if readings is not None:
             readings = checked_readings(readings, self._constants)
@@ -219,10 +215,9 @@ class Tracker:
             near = newest.frame.relinearise(np.concatenate([mean[POSE], offsets]))
             with suppress(ValueError):  # not finite there
                 self._residuals.add(stamp_ns, checked_readings(near, self._constants))
-        mismatch = self._residuals.say(stamp_ns, biases, self._space)
-        if mismatch:
-            unknown = UNKNOWN * np.array([*[np.linalg.norm(mean[:3])] * 3, 1.0, 1.0])
-            joint[POSE, POSE] += np.diag(unknown**2)
+        mismatch = self._residuals.say(biases, self._space)
+        if mismatch and newest.frame.readings is not None:  # it knows what one image knows
+            joint[POSE, POSE] += newest.frame.root @ newest.frame.root.T
         return Track(
             stamp_ns,
             mean[POSE].copy(),
@@ -255,7 +250,7 @@ class Tracker:
         """Return what is known of a frame before its image: the prior of its fit.
 
         Constants and light have drifted until its stamp, ns, since the newest frame of the track.
-        Offsets are in the order of the constants' names; their covariance is positive definite.
+        While a mismatch is said, nothing that was learnt counts. Offsets are in the order of the constants' names; their covariance is positive definite.
         """
         state = self._history[-1][1] if self._history else self._previous
         usual, lasts_s = self._constants.uneven, self._constants.unclear_lasts_s
@@ -265,6 +260,8 @@ class Tracker:
         decay = float(drift(lasts_s, step_s)) if usual else 0.0
         uneven = usual + decay * (state.frame.shaded - usual)
         biases = self._space.drifted(state.corrected().biases, step_s)
+        if self._residuals.said:
+            biases = self._space.prior()
         return Expected(*self._offsets(biases), uneven)
 
     def _offsets(self, biases: Biases) -> tuple[Array, Array]:

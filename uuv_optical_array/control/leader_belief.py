@@ -1,0 +1,184 @@
+"""Where a leader without light may be by now, and from where most of it would be seen.
+
+When the light goes, the lamp is at the origin of a frame that stays in the water, and the leader
+moves as it did last. From then on a fan of hypotheses spreads: each has the leader's speed or, as
+one that stopped, none, and a turn rate that goes from the last one to one of its own within
+`TURN_S`. Their weights tell how likely they are:
+
+- by a prior, which is that of how leaders turn (`TURNS`) and stop (`STOPPED`);
+- less and less where the lamp would be seen from where the follower is, and no light comes. Light
+  that went may stay away, so that this counts little at first, and what was seen dark in vain may
+  be looked at again later.
+
+So a search goes from the likely places to the others, wider as they spread, and comes back. A
+glimpse of light, whose pose is not to be trusted yet, adds a hypothesis and weighs the others.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
+from uuv_optical_array.core.settings import Quantity
+
+# Turn rates that a leader may go over to, deg/s, and their prior, of yaw and of pitch.
+TURNS = (np.array([-6.0, -3.0, -1.5, 0.0, 1.5, 3.0, 6.0]), 2.5)
+CLIMBS = (np.array([-1.5, 0.0, 1.5]), 1.0)
+MOST_PITCH = 0.3  # rad; beyond it no leader climbs on
+TURN_S = 5.0  # in which a turn rate goes over to another
+STOPPED = 0.2  # probability that a leader without light has stopped
+DARK_S = 15.0  # time constant of the probability that the lamp still gives no light
+LOOK_S = 2.0  # of looking at a lit lamp without seeing it, which makes it unlikely by e
+AGAIN_S = 30.0  # after which what was seen dark counts again
+LEAST = 0.02  # weight, of its prior, that looking in vain leaves
+ARRAY_DEG = 70.0  # off the bow, to where detectors see
+NEAREST_M = 0.5
+ARRIVAL_S = 20.0  # a place that is reached so much later is worth less by e
+# Starts: where the lamp may be beside the place where a follower on station would see it.
+ASIDE_M, AHEAD_M, ABOVE_M = (-6.0, -3.0, 0.0, 3.0, 6.0), (-3.0, 0.0, 4.0, 8.0), (-1.5, 0.0, 1.5)
+TURNED_DEG = (-120.0, -60.0, 0.0, 60.0, 120.0)
+START_STD = np.array([5.0, 3.5, 1.5, math.radians(60.0)])  # ahead, aside, above, turned
+
+
+@dataclass(frozen=True)
+class SightSettings:
+    """From where a lamp is seen."""
+
+    sight_m: Annotated[float, Quantity("range at which the lamp is seen", "m", 1, 200)] = 12.0
+    sight_deg: Annotated[
+        float, Quantity("off the lamp's axis, to where it is seen", "deg", 1, 90)
+    ] = 20.0
+
+
+class LeaderBelief:
+    """A fan of hypotheses of the leader, in a frame that stays in the water.
+
+    - places, headings: of each lamp, m, ``(n, 3)``, and pitch and yaw of the leader, ``(n, 2)``.
+    - weights: ``(n,)``, > 0.
+    - age_s: time since the light went, s.
+    """
+
+    def __init__(self, settings: SightSettings, speed: Array, turn: Array) -> None:
+        """Begin as the light goes: speed of the leader in its axes, m/s; pitch, yaw rate, rad/s."""
+        (turns, turn_std), (climbs, climb_std) = TURNS, CLIMBS
+        climb, yaw, moves = (
+            each.ravel() for each in np.meshgrid(climbs, turns, [1.0, 0.0], indexing="ij")
+        )
+        prior = np.exp(-((yaw / turn_std) ** 2 + (climb / climb_std) ** 2) / 2)
+        going = moves > 0
+        prior[going] *= (1 - STOPPED) / prior[going].sum()
+        prior[~going] *= STOPPED / prior[~going].sum()
+        self._settings, self._prior, self.weights = settings, prior, prior.copy()
+        self._turns = np.radians(np.stack([climb, yaw], axis=1))
+        self.places, self.headings = np.zeros((len(prior), 3)), np.zeros((len(prior), 2))
+        self._speeds = moves[:, None] * speed
+        self._rates = np.tile(turn, (len(prior), 1)) * moves[:, None]
+        self._turns[~going] = 0.0
+        self.age_s = 0.0
+
+    @classmethod
+    def at_start(cls, settings: SightSettings) -> "LeaderBelief":
+        """Return what is known before any light: the follower may be near its station, or not."""
+        self = cls(settings, np.zeros(3), np.zeros(2))
+        grids = np.meshgrid(AHEAD_M, ASIDE_M, ABOVE_M, np.radians(TURNED_DEG), indexing="ij")
+        spread = np.stack([grid.ravel() for grid in grids], axis=1)
+        self._prior = np.exp(-((spread / START_STD) ** 2).sum(axis=1) / 2)
+        self.weights = self._prior.copy()
+        self.places = spread[:, :3].copy()
+        self.headings = np.stack([np.zeros(len(spread)), spread[:, 3]], axis=1)
+        self._speeds, self._turns = np.zeros((len(spread), 3)), np.zeros((len(spread), 2))
+        self._rates = self._turns.copy()
+        return self
+
+    @property
+    def newest(self) -> int:
+        """Which hypothesis goes on as the leader did last, or is the last glimpse."""
+        return int(self._prior.argmax())
+
+    def likeliest(self) -> tuple[Array, Array]:
+        """Return place and heading of the `newest`."""
+        return self.places[self.newest], self.headings[self.newest]
+
+    def advance(self, step_s: float, own: Array) -> None:
+        """Let time pass, s, in which the follower, at `own`, ``(5,)``, saw no light."""
+        seen = self._seen_from(own[None, :3], self.places, self.headings)[0]
+        to_lamp = self.places - own[:3]
+        bow = rotation_matrix(own[PITCH], own[YAW])[:, 0]
+        facing = to_lamp @ bow > math.cos(math.radians(ARRAY_DEG)) * np.linalg.norm(to_lamp, axis=1)
+        lit = 1 - math.exp(-self.age_s / DARK_S)
+        self.weights[seen & facing] *= math.exp(-step_s * lit / LOOK_S)
+        self.weights += (self._prior - self.weights) * (1 - math.exp(-step_s / AGAIN_S))
+        self.weights = np.maximum(self.weights, LEAST * self._prior)
+        self.pass_time(step_s)
+
+    def pass_time(self, step_s: float) -> None:
+        """Let time pass, s, without looking."""
+        self.age_s += step_s
+        kept = math.exp(-step_s / TURN_S)
+        self._rates = kept * self._rates + (1 - kept) * self._turns
+        self.places, self.headings = self._after(step_s)
+
+    def _after(self, time_s: float | Array) -> tuple[Array, Array]:
+        """Return places and headings after a time, s, of each; rates change little meanwhile."""
+        time_s = np.broadcast_to(np.asarray(time_s, dtype=float), len(self.places))[:, None]
+        ahead_s = time_s / 2
+        turned = self.headings + self._rates * ahead_s
+        turned[:, 0] = np.clip(turned[:, 0], -MOST_PITCH, MOST_PITCH)
+        arc = np.sinc(self._rates[:, 1:] * ahead_s / math.pi)  # chord over arc
+        ways = np.einsum("nij,nj->ni", rotation_matrix(*turned.T), self._speeds)
+        headings = self.headings + self._rates * time_s
+        headings[:, 0] = np.clip(headings[:, 0], -MOST_PITCH, MOST_PITCH)
+        return self.places + ways * time_s * arc, headings
+
+    def _seen_from(self, at: Array, places: Array, headings: Array) -> NDArray[np.bool_]:
+        """Say from which places, ``(m, 3)``, which lamps are seen, ``(m, n)``."""
+        off = at[:, None] - places
+        range_m = np.linalg.norm(off, axis=-1)
+        behind = -np.einsum("mni,ni->mn", off, rotation_matrix(*headings.T)[:, :, 0])
+        s = self._settings
+        near = (range_m > NEAREST_M) & (range_m < s.sight_m)
+        return near & (behind > math.cos(math.radians(s.sight_deg)) * range_m)
+
+    def glimpse(self, own: Array, pose: Array, covariance: Array) -> None:
+        """Weigh the hypotheses by a pose that is not to be trusted, and add it as the first.
+
+        - own: where the follower is, ``(5,)``; `pose`, `covariance`: as of a track.
+        """
+        place, heading = self.seen_at(own, pose)
+        off = np.concatenate([self.places - place, self.headings - heading], axis=1)
+        spread = 4 * covariance + np.diag([0.25, 0.25, 0.25, 0.01, 0.01])
+        distance = np.einsum("ni,ij,nj->n", off, np.linalg.inv(spread), off)
+        self.weights = self._prior * np.maximum(np.exp(-distance / 2), LEAST)
+        newest = self.newest
+        self.places[newest], self.headings[newest] = place, heading
+        self.weights[newest] = self._prior.sum()
+
+    @staticmethod
+    def seen_at(own: Array, pose: Array) -> tuple[Array, Array]:
+        """Return place and heading of a leader from which a follower at `own` has a pose."""
+        heading = own[3:] - pose[3:]
+        return own[:3] - rotation_matrix(*heading) @ pose[:3], heading
+
+    def goal(self, own: Array, station: Array, speed_m_per_s: float) -> int:
+        """Return the hypothesis at whose station most of the others would be seen, and soon."""
+        now = self._stations(self.places, self.headings, station)
+        arrival_s = np.linalg.norm(now - own[:3], axis=1) / speed_m_per_s
+        likely = np.argsort(-self.weights)[:40]
+        worth = np.zeros(len(likely))
+        for i, k in enumerate(likely):
+            places, headings = self._after(min(float(arrival_s[k]), ARRIVAL_S))
+            at = self._stations(places[k : k + 1], headings[k : k + 1], station)
+            seen = self._seen_from(at, places, headings)[0]
+            worth[i] = (self.weights * seen).sum() * math.exp(-arrival_s[k] / ARRIVAL_S)
+        return int(likely[worth.argmax()])
+
+    @staticmethod
+    def _stations(places: Array, headings: Array, station: Array) -> Array:
+        return places + np.einsum("nij,j->ni", rotation_matrix(*headings.T), station[:3])
+
+    def motion(self, k: int) -> tuple[Array, Array]:
+        """Return speed, m/s, ``(3,)``, and pitch and yaw rate, rad/s, of a hypothesis, its axes."""
+        return self._speeds[k], self._rates[k]

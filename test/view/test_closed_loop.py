@@ -12,7 +12,7 @@ from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.view.closed_loop import ClosedLoop
+from uuv_optical_array.view.closed_loop import ViewedLoop
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def bare():
 
 def first(estimator, **changes):
     """Return the first sight under conditions that differ from the scene's."""
-    loop = ClosedLoop(estimator, np.random.default_rng(1))
+    loop = ViewedLoop(estimator, np.random.default_rng(1))
     loop.change(replace(loop.conditions, **changes))
     return loop.step(0.1)
 
@@ -68,7 +68,7 @@ def test_clouds_of_twice_the_depth_dim_twice_in_the_logarithm(bare):
     ],
 )
 def test_conditions_out_of_bounds_change_nothing(bare, changes, named):
-    loop = ClosedLoop(bare, np.random.default_rng(1))
+    loop = ViewedLoop(bare, np.random.default_rng(1))
     before = loop.conditions
     with pytest.raises(ValueError, match=named):
         loop.change(replace(before, **changes))
@@ -78,7 +78,7 @@ def test_conditions_out_of_bounds_change_nothing(bare, changes, named):
 
 @pytest.mark.usefixtures("compiled_fit")
 def test_once_there_is_light_the_follower_reaches_its_station_in_any_sea(table):
-    loop = ClosedLoop(Estimator(table), np.random.default_rng(1))
+    loop = ViewedLoop(Estimator(table), np.random.default_rng(1))
     station = (-5.0, 0.4, -0.2)
     sea = replace(loop.conditions, current_m_per_s=(0.0, 0.2, 0.0), station_m=station, k_per_m=0.1)
     loop.change(replace(sea, lamp_power=[0.0]))
@@ -101,13 +101,14 @@ def test_once_there_is_light_the_follower_reaches_its_station_in_any_sea(table):
 
 def test_a_follower_whose_array_is_not_the_scenes_stops_and_says_why():
     scene = load_scene("follow")
-    loop = ClosedLoop(Estimator(scene).wait(), np.random.default_rng(1))
+    loop = ViewedLoop(Estimator(scene).wait(), np.random.default_rng(1))
     # The scene's detectors have the power 1.
-    loop._model = ForwardModel(changed(scene, effects={"field_of_view": {"cosine_power": 2.0}}))
+    model = ForwardModel(changed(scene, effects={"field_of_view": {"cosine_power": 2.0}}))
+    loop.light = loop.light._replace(model=model)
     seen = [loop.step(0.1) for _ in range(90)]
     said = [sight.note for sight in seen if sight.pose is not None]
     assert said[-1].startswith("refused: too uncertain: the range of")
-    assert loop.frames.track().mismatch
+    assert loop.follower.pipeline.track().mismatch
     steps = np.diff(places_of(seen), axis=0)
     assert np.linalg.norm(steps, axis=1).max() > 0.02  # it went, and stands
     assert np.linalg.norm(steps[-1]) < 1e-3

@@ -148,10 +148,10 @@ class Pipeline:
         joint[POSE, POSE] += self.estimator.aim_covariance(track.pose, roll)
         return replace(track, joint_covariance=joint)
 
-    def answer(self, stamp_ns: int, image: Array) -> Answer:
-        """Answer the next image, counts, ``(side, side)``, by its stamp, ns, at a roll of 0."""
+    def answer(self, stamp_ns: int, image: Array, roll: float = 0.0) -> Answer:
+        """Answer the next image, counts, ``(side, side)``, by its stamp, ns, and a roll, rad."""
         try:
-            estimate = self.estimate(stamp_ns, image)
+            estimate = self.estimate(stamp_ns, image, roll=roll)
         except NoPose as reason:
             return Answer(stamp_ns, None, None, str(reason))
-        return Answer(stamp_ns, estimate, self.track(), "")
+        return Answer(stamp_ns, estimate, self.track(roll), "")

@@ -1,15 +1,15 @@
-"""The whole loop without ROS: vehicles, sea, lamp, array, estimator, track and formation law."""
+"""The closed loop as the page shows it: its conditions, and a sight of each step."""
 
 import dataclasses
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
-from uuv_optical_array.control.formation import STATION, FormationController, FormationSettings
+from uuv_optical_array.control.closed_loop import ClosedLoop, Light, Swimmer
+from uuv_optical_array.control.following import Following
+from uuv_optical_array.control.formation import STATION, FormationSettings
 from uuv_optical_array.control.sea import CURRENT, Sea
-from uuv_optical_array.control.vehicles import Vehicle, lead, start_behind
-from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import Array, relative_pose
+from uuv_optical_array.control.vehicles import Vehicle, start_behind
 from uuv_optical_array.core.settings import Numbers, Place, Quantity, check
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
@@ -45,65 +45,52 @@ class Conditions:
         return cls(scene.attenuation[1], (1.0,) * scene.lamp_count, plume_depth)
 
 
-class ClosedLoop:
-    """A leader on its path, and a follower that keeps station by its light alone.
+class ViewedLoop:
+    """The closed loop of the demonstration as the page shows it, in conditions that change.
 
-    As on ROS the leader waits for the first command. The estimator believes its scene, of which the
-    conditions are unless others are given. `frames` holds the stages that an image goes through.
+    The estimator believes its scene, of which the conditions are unless others are given.
     """
 
     def __init__(
         self, estimator: Estimator, rng: np.random.Generator, conditions: Conditions | None = None
     ) -> None:
-        self._rng = rng
         self._scene = scene = estimator.scene
         self.conditions = conditions or Conditions.of(scene)
-        self.frames = Pipeline(estimator)
-        self._controller = FormationController(FormationSettings())
-        self.t_s = 0.0
-        self._path_s: float | None = None  # on the leader's path, once the follower is commanded
-        self._command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
-        self._leader = Vehicle(np.zeros(3))
+        leader = Vehicle(np.zeros(3))
+        settings = FormationSettings(station_m=self.conditions.station_m)
+        self.follower = Swimmer(
+            start_behind(leader, self.conditions.station_m),
+            Pipeline(estimator),
+            Following(settings),
+            lambda t_s: self.light,
+        )
+        self.loop = ClosedLoop(leader, [self.follower], rng)
         self.change(self.conditions)
-        self._follower = start_behind(self._leader, self.conditions.station_m)
+
+    @property
+    def t_s(self) -> float:
+        """Time since the start, s."""
+        return self.loop.t_s
 
     def change(self, conditions: Conditions) -> None:
         """Set other conditions."""
-        self._model, self._offsets = _sea(self._scene, conditions)
-        self._controller.configure(FormationSettings(station_m=conditions.station_m))
+        self.light = _light(self._scene, conditions)
+        self.follower.following.configure(FormationSettings(station_m=conditions.station_m))
+        self.loop.sea = Sea(conditions.current_m_per_s)
         self.conditions = conditions
 
     def step(self, dt: float) -> Sight:
         """Advance by `dt`, s, > 0; return what there is to see, the lamp at the leader's origin."""
-        if self._path_s is not None:
-            # The current acts once the vehicles move.
-            self._leader.sea = self._follower.sea = Sea(self.conditions.current_m_per_s)
-            self._path_s = lead(self._leader, self._path_s, dt)
-        self._follower.step(*self._command, dt)
-        self.t_s += dt
-        at, turn = self._leader.position, self._leader.rotation
-        pose, roll = relative_pose(at, turn, self._follower.position, self._follower.rotation)
-        image = self._model.read(self._model.light(pose, roll, self._offsets, self.t_s), self._rng)
-        frame = self.frames.answer(round(self.t_s * 1e9), image)
-        track = frame.track
-        if track is not None:
-            try:
-                self._controller.update(self.t_s, track.pose, track.covariance, track.rate)
-            except (NoPose, ValueError) as reason:
-                frame = frame._replace(reason=str(reason))
-        command = self._controller.command(self.t_s)
-        if command is not None:
-            self._command = command
-            self.frames.command(round(self.t_s * 1e9), *command)
-            if self._path_s is None:
-                self._path_s = 0.0
-        waits = "the leader waits for its follower to see it" if self._path_s is None else ""
-        words = {"note": note_on(frame) or waits, "station_m": self.conditions.station_m}
-        return sight_of(frame, self.t_s, image, pose, leader=(at, turn), **words)
+        (seen,) = self.loop.step(dt)
+        waits = "the leader waits for its follower to see it" if self.loop.path_s is None else ""
+        words = {"note": note_on(seen.answer) or waits, "station_m": self.conditions.station_m}
+        return sight_of(
+            seen.answer, seen.t_s, seen.image, seen.true_pose, leader=seen.lamp, **words
+        )
 
 
-def _sea(scene: Scene, conditions: Conditions) -> tuple[ForwardModel, dict[str, Any]]:
-    """Return the model of a scene that can have clouds, and its offsets."""
+def _light(scene: Scene, conditions: Conditions) -> Light:
+    """Return the light of a scene that can have clouds."""
     settings = scene.settings()
     effects = settings["effects"]
     clouds = effects.pop("plume", None)
@@ -114,4 +101,4 @@ def _sea(scene: Scene, conditions: Conditions) -> tuple[ForwardModel, dict[str, 
     if conditions.plume_depth > 0:
         clouds = clouds or load_scene(CLOUDS).effects["plume"]
         effects["plume"] = {**clouds, "depth": conditions.plume_depth}
-    return ForwardModel(scene_from_settings(settings, scene.name)), offsets
+    return Light(ForwardModel(scene_from_settings(settings, scene.name)), offsets)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.view.closed_loop import ClosedLoop, Conditions
+from uuv_optical_array.view.closed_loop import Conditions, ViewedLoop
 from uuv_optical_array.view.page import Page, Slider
 
 STEP_S = 0.1
@@ -44,7 +44,7 @@ def simulate(
     page: Page, estimator: Estimator, seed: int | None, goes_on: Callable[[float], bool]
 ) -> None:
     """Show the closed loop on a page while it goes on; without a seed each run has other noise."""
-    loop = ClosedLoop(estimator, np.random.default_rng(seed))
+    loop = ViewedLoop(estimator, np.random.default_rng(seed))
     conditions, restart = loop.conditions, False
 
     # The page calls these from its own thread; they act between two steps.
@@ -61,7 +61,7 @@ def simulate(
     due = time.monotonic()
     while goes_on(loop.t_s):
         if restart:
-            loop = ClosedLoop(estimator, np.random.default_rng(seed), conditions)
+            loop = ViewedLoop(estimator, np.random.default_rng(seed), conditions)
             restart = False
         if conditions is not loop.conditions:
             loop.change(conditions)

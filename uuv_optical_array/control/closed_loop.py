@@ -1,0 +1,188 @@
+"""The whole loop without ROS: vehicles, sea, lamps, arrays, estimators, tracks and laws."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from uuv_optical_array.control.following import Following, State
+from uuv_optical_array.control.sea import STILL_SEA, Sea
+from uuv_optical_array.control.vehicles import Vehicle, leader_twist
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import Array, relative_pose
+from uuv_optical_array.estimation.pipeline import Answer, Pipeline
+from uuv_optical_array.forward.model import ForwardModel
+
+# The twist of a leader over ground by its time on the path, s: in its frame, m/s and rad/s, (3,).
+Motion: TypeAlias = Callable[[float], tuple[Array, Array]]
+
+
+class OtherLamp(NamedTuple):
+    """A lamp that is not the one to follow, like it but for its power.
+
+    - position: in the world, m, shape ``(3,)``.
+    - rotation: from its frame to the world, shape ``(3, 3)``.
+    - power: relative to the lamp to follow, as the scene has it; 0: off.
+    """
+
+    position: Array
+    rotation: Array
+    power: float = 1.0
+
+
+class Light(NamedTuple):
+    """By what images are made at an instant, whatever the estimator believes.
+
+    - model: of the true scene.
+    - offsets: of its nuisances, as `ForwardModel.light` has them.
+    - gains: of the detectors, relative, ``(side, side)``; ``None``: as the scene has them.
+    - others: lamps of other vehicles.
+    """
+
+    model: ForwardModel
+    offsets: Mapping[str, Array] = {}
+    gains: Array | None = None
+    others: Sequence[OtherLamp] = ()
+
+
+class Swimmer:
+    """A follower: its vehicle, what makes its images, and what answers them.
+
+    Parameters
+    ----------
+    vehicle
+        At its start.
+    pipeline
+        From its images to its track.
+    following
+        From its track to its command.
+    light
+        Of an instant, s since the start of the loop.
+    ahead
+        Whose lamp it follows: 0 is the leader's, k that of the k-th follower.
+    imu
+        Roll that its estimator is given of its true one, rad, and the time, s; ``None``: there is
+        none, and so no pose.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        pipeline: Pipeline,
+        following: Following,
+        light: Callable[[float], Light],
+        ahead: int = 0,
+        imu: Callable[[float, float], float | None] = lambda roll, t_s: 0.0,
+    ) -> None:
+        self.vehicle, self.pipeline, self.following = vehicle, pipeline, following
+        self.light, self.ahead, self.imu = light, ahead, imu
+        self.command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
+
+
+class Instant(NamedTuple):
+    """What a follower saw and did at an instant.
+
+    - t_s: since the start of the loop, s.
+    - true_pose: of the follower in the frame of the lamp that it follows, m and rad, ``(5,)``.
+    - image: counts, ``(side, side)``.
+    - answer: to the image; its reason says too why the law refused the track.
+    - state: of its law.
+    - lamp: position, m, and rotation in the world of the lamp that it follows.
+    - commanded: linear and angular twist from now on, m/s and rad/s, ``(3,)`` each.
+    """
+
+    t_s: float
+    true_pose: Array
+    image: Array
+    answer: Answer
+    state: State
+    lamp: tuple[Array, Array]
+    commanded: tuple[Array, Array]
+
+
+class ClosedLoop:
+    """A leader that moves, and followers that keep station by its light or by one another's.
+
+    As on ROS the leader waits until every follower is locked, and the sea is still until then.
+
+    Parameters
+    ----------
+    leader
+        At its start, with the lamp at its origin.
+    followers
+        One or more.
+    rng
+        Of the noise of the images.
+    motion
+        Of the leader over ground, by its time on the path, s; it steers against the current.
+    sea
+        That carries all vehicles.
+    """
+
+    def __init__(
+        self,
+        leader: Vehicle,
+        followers: Sequence[Swimmer],
+        rng: np.random.Generator,
+        motion: Motion = leader_twist,
+        sea: Sea = STILL_SEA,
+    ) -> None:
+        self.leader, self.followers, self.motion, self.sea = leader, followers, motion, sea
+        self._rng = rng
+        self.t_s = 0.0
+        self.path_s: float | None = None  # on the leader's path, once all followers are locked
+
+    def step(self, dt: float) -> list[Instant]:
+        """Advance by `dt`, s, > 0; return what each follower saw and did then."""
+        if self.path_s is not None:
+            for vehicle in (self.leader, *(swimmer.vehicle for swimmer in self.followers)):
+                vehicle.sea = self.sea
+            linear, angular = self.motion(self.path_s + dt / 2)
+            against = self.leader.rotation.T @ self.sea.current
+            self.leader.step(linear - against, angular, dt)
+            self.path_s += dt
+        for swimmer in self.followers:
+            swimmer.vehicle.step(*swimmer.command, dt)
+        self.t_s += dt
+        seen = [self._answer(swimmer) for swimmer in self.followers]
+        if self.path_s is None and all(one.state.name == "locked" for one in seen):
+            self.path_s = 0.0
+        return seen
+
+    def _answer(self, swimmer: Swimmer) -> Instant:
+        """Let a follower see, and command."""
+        vehicle, stamp_ns = swimmer.vehicle, round(self.t_s * 1e9)
+        ahead = self.followers[swimmer.ahead - 1].vehicle if swimmer.ahead else self.leader
+        lamp = ahead.position, ahead.rotation
+        pose, roll = relative_pose(*lamp, vehicle.position, vehicle.rotation)
+        image = self._image(swimmer, pose, roll)
+        told = swimmer.imu(vehicle.roll, self.t_s)
+        if told is None:
+            answer = Answer(stamp_ns, None, None, "no roll: the IMU is silent")
+        else:
+            answer = swimmer.pipeline.answer(stamp_ns, image, told)
+        track = answer.track
+        if track is not None:
+            try:
+                swimmer.following.update(self.t_s, track.pose, track.covariance, track.rate)
+            except (NoPose, ValueError) as reason:
+                answer = answer._replace(reason=str(reason))
+        command = swimmer.following.command(self.t_s)
+        if command is not None:
+            swimmer.pipeline.command(stamp_ns, *command)
+        # A vehicle without a command stops.
+        swimmer.command = (np.zeros(3), np.zeros(3)) if command is None else command
+        state = swimmer.following.state
+        return Instant(self.t_s, pose, image, answer, state, lamp, swimmer.command)
+
+    def _image(self, swimmer: Swimmer, pose: Array, roll: float) -> Array:
+        """Return what a follower's array reads."""
+        model, offsets, gains, others = swimmer.light(self.t_s)
+        light = model.light(pose, roll, offsets, self.t_s)
+        for other in others:
+            if other.power > 0:
+                seen = relative_pose(*other[:2], swimmer.vehicle.position, swimmer.vehicle.rotation)
+                light = light + other.power * model.light(*seen, {}, self.t_s)
+        if gains is not None:
+            light = model.with_gains(light, gains)
+        return model.read(light, self._rng)

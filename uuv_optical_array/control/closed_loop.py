@@ -1,6 +1,7 @@
 """The whole loop without ROS: vehicles, sea, lamps, arrays, estimators, tracks and laws."""
 
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -12,21 +13,24 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.estimation.pipeline import Answer, Pipeline
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
+
+CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has none
 
 # The twist of a leader over ground by its time on the path, s: in its frame, m/s and rad/s, (3,).
 Motion: TypeAlias = Callable[[float], tuple[Array, Array]]
 
 
 class OtherLamp(NamedTuple):
-    """A lamp that is not the one to follow, like it but for its power.
+    """A lamp that is not the one to follow, and like it but for its power.
 
-    - position: in the world, m, shape ``(3,)``.
-    - rotation: from its frame to the world, shape ``(3, 3)``.
-    - power: relative to the lamp to follow, as the scene has it; 0: off.
+    - position: in the frame of the lamp to follow, m, shape ``(3,)``.
+    - rotation: from its own frame to that one, shape ``(3, 3)``.
+    - power: relative to the scene's.
     """
 
     position: Array
-    rotation: Array
+    rotation: Array = np.eye(3)
     power: float = 1.0
 
 
@@ -35,13 +39,11 @@ class Light(NamedTuple):
 
     - model: of the true scene.
     - offsets: of its nuisances, as `ForwardModel.light` has them.
-    - gains: of the detectors, relative, ``(side, side)``; ``None``: as the scene has them.
-    - others: lamps of other vehicles.
+    - others: lamps beside those of the vehicles.
     """
 
     model: ForwardModel
-    offsets: Mapping[str, Array] = {}
-    gains: Array | None = None
+    offsets: Mapping[str, Array] = MappingProxyType({})
     others: Sequence[OtherLamp] = ()
 
 
@@ -152,8 +154,7 @@ class ClosedLoop:
     def _answer(self, swimmer: Swimmer) -> Instant:
         """Let a follower see, and command."""
         vehicle, stamp_ns = swimmer.vehicle, round(self.t_s * 1e9)
-        ahead = self.followers[swimmer.ahead - 1].vehicle if swimmer.ahead else self.leader
-        lamp = ahead.position, ahead.rotation
+        lamp = self._ahead(swimmer).position, self._ahead(swimmer).rotation
         pose, roll = relative_pose(*lamp, vehicle.position, vehicle.rotation)
         image = self._image(swimmer, pose, roll)
         told = swimmer.imu(vehicle.roll, self.t_s)
@@ -176,13 +177,38 @@ class ClosedLoop:
         return Instant(self.t_s, pose, image, answer, state, lamp, swimmer.command)
 
     def _image(self, swimmer: Swimmer, pose: Array, roll: float) -> Array:
-        """Return what a follower's array reads."""
-        model, offsets, gains, others = swimmer.light(self.t_s)
+        """Return what a follower's array reads of all lamps."""
+        model, offsets, others = swimmer.light(self.t_s)
         light = model.light(pose, roll, offsets, self.t_s)
-        for other in others:
-            if other.power > 0:
-                seen = relative_pose(*other[:2], swimmer.vehicle.position, swimmer.vehicle.rotation)
-                light = light + other.power * model.light(*seen, {}, self.t_s)
-        if gains is not None:
-            light = model.with_gains(light, gains)
+        own, lamp = swimmer.vehicle, self._ahead(swimmer)
+        lamps = [
+            (lamp.position + lamp.rotation @ other.position, lamp.rotation @ other.rotation, other)
+            for other in others
+        ]
+        vehicles = [self.leader, *(follower.vehicle for follower in self.followers)]
+        for vehicle in vehicles:
+            if vehicle is not own and vehicle is not lamp:
+                lamps.append((vehicle.position, vehicle.rotation, None))
+        for position, rotation, other in lamps:
+            seen = relative_pose(position, rotation, own.position, own.rotation)
+            light = light + (other.power if other else 1.0) * model.light(*seen, {}, self.t_s)
         return model.read(light, self._rng)
+
+    def _ahead(self, swimmer: Swimmer) -> Vehicle:
+        """Return the vehicle whose lamp a follower follows."""
+        return self.followers[swimmer.ahead - 1].vehicle if swimmer.ahead else self.leader
+
+
+def clouded(scene: Scene, depth: float, seed: int | None = None) -> ForwardModel:
+    """Return the model of a scene whose clouds have another depth in their middle; 0: no clouds.
+
+    A scene without clouds has those of `CLOUDS`. A `seed` draws others.
+    """
+    settings = scene.settings()
+    effects = settings["effects"]
+    clouds = effects.pop("plume", None) or load_scene(CLOUDS).effects["plume"]
+    if depth > 0:
+        effects["plume"] = {**clouds, "depth": depth}
+        if seed is not None:
+            effects["plume"]["seed"] = seed
+    return ForwardModel(scene_from_settings(settings, scene.name))

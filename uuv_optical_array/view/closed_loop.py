@@ -5,7 +5,7 @@ from typing import Annotated
 
 import numpy as np
 
-from uuv_optical_array.control.closed_loop import ClosedLoop, Light, Swimmer
+from uuv_optical_array.control.closed_loop import ClosedLoop, Light, Swimmer, clouded
 from uuv_optical_array.control.following import Following
 from uuv_optical_array.control.formation import STATION, FormationSettings
 from uuv_optical_array.control.sea import CURRENT, Sea
@@ -13,12 +13,9 @@ from uuv_optical_array.control.vehicles import Vehicle, start_behind
 from uuv_optical_array.core.settings import Numbers, Place, Quantity, check
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
-from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import LAMP_POWER, power_offsets
-from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.view.sight import Sight, note_on, sight_of
-
-CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has none
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,15 +87,9 @@ class ViewedLoop:
 
 
 def _light(scene: Scene, conditions: Conditions) -> Light:
-    """Return the light of a scene that can have clouds."""
-    settings = scene.settings()
-    effects = settings["effects"]
-    clouds = effects.pop("plume", None)
+    """Return the light of a scene in conditions."""
     name, believed = scene.attenuation
     # The offset is what differs, as the lamp stays as bright as it is in the scene.
     offsets = {name: np.array(conditions.k_per_m - believed)}
     offsets |= power_offsets(conditions.lamp_power, scene.lamp_count)
-    if conditions.plume_depth > 0:
-        clouds = clouds or load_scene(CLOUDS).effects["plume"]
-        effects["plume"] = {**clouds, "depth": conditions.plume_depth}
-    return Light(ForwardModel(scene_from_settings(settings, scene.name)), offsets)
+    return Light(clouded(scene, conditions.plume_depth), offsets)

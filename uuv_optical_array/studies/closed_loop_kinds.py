@@ -1,0 +1,284 @@
+"""The kinds of trouble of ``uuv_array study envelope``, by group.
+
+Where nothing else is said the leader goes on the demonstration's path, and what happens begins
+after 15 s, in its first turn. A new kind is an entry of `KINDS`.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from uuv_optical_array.control.fleet import vee
+from uuv_optical_array.control.vehicles import LEADER_SPEED_M_PER_S
+from uuv_optical_array.studies.closed_loop_runs import Beside, Course, Kind, Points
+
+SINCE_S = 15.0
+AFTER_S = 45.0  # that a run lasts, from when all is as it will stay
+BACK_S = 30.0  # after so long what comes back is as before
+HOME_S = 60.0  # to find back, once there is light
+START_S = 100.0  # to find the leader from the start
+RAMP_M_PER_S2 = 0.3  # of a leader that changes its speed
+SPEED = LEADER_SPEED_M_PER_S
+QUARTER_DEG = 90.0
+DARK_S = (1, 2, 5, 10, 20, 30, 60)
+TURNS_DEG_PER_S = (6, 10, 15, 20, 30)
+CHAIN_DEG_PER_S = (3, 4, 8)
+SPEEDS_M_PER_S = (0.9, 1.0, 1.2, 1.5)
+FLEET = {"scene": "formation", "group": "formations"}
+# Lamps as bright as ours.
+ASIDE = Beside(((0, 0),), ((0, 1.5),))
+FAR_ASIDE = Beside(((0, 0),), ((0, 3.0),))
+AHEAD = Beside(((0, 3.0),), ((0, 0),), (SINCE_S, np.inf))
+CROSSING = Beside(((0, -1.0),), ((SINCE_S, -6.0), (39, 6.0)), (SINCE_S, 39.0))
+
+
+def speeds(*then: tuple[float, float]) -> Points:
+    """Return a surge from rest to the demonstration's speed, and to others from times on, s."""
+    points, last = [(0.0, 0.0)], 0.0
+    for since_s, speed in ((0.0, SPEED), *then):
+        points += [(since_s, last), (since_s + abs(speed - last) / RAMP_M_PER_S2, speed)]
+        last = speed
+    return tuple(points)
+
+
+def pulse(since_s: float, until_s: float, value: float) -> Points:
+    """Return a value between two times, reached and left within half a second, and 0 else."""
+    ramp_s = 0.5
+    inside = (since_s + ramp_s, value), (until_s, value)
+    return ((since_s, 0.0), *inside, (until_s + ramp_s, 0.0))
+
+
+def turning(rate_deg_per_s: float, angle_deg: float = QUARTER_DEG) -> tuple[Course, float]:
+    """Return a straight way with one turn, and when this ends, s."""
+    until_s = SINCE_S + angle_deg / rate_deg_per_s
+    return Course(speeds(), yaw=pulse(SINCE_S, until_s, np.radians(rate_deg_per_s))), until_s
+
+
+def _changes(name: str, field: str, value: float, usual: float, what: str) -> list[Kind]:
+    """Return a change in a step, a slow one, and one that comes back."""
+    step = (SINCE_S, usual), (SINCE_S, value)
+    slow = (SINCE_S, usual), (SINCE_S + BACK_S, value)
+    back = (*step, (SINCE_S + BACK_S, value), (SINCE_S + BACK_S, usual))
+    until_s = SINCE_S + BACK_S
+    group = "lamp" if field == "lamp" else "water"
+    ways = (
+        ("", step, SINCE_S, "at once"),
+        ("_slow", slow, until_s, f"within {BACK_S:g} s"),
+        ("_back", back, until_s, f"at once, and is as before after {BACK_S:g} s"),
+    )
+    return [
+        Kind(
+            f"{name}{way}",
+            group,
+            f"{what} {when}.",
+            until + AFTER_S,
+            until_s=until,
+            **{field: points},  # type: ignore[arg-type]
+        )
+        for way, points, until, when in ways
+    ]
+
+
+def _darkness() -> list[Kind]:
+    """Return a lamp that is off for a time, behind leaders of three kinds."""
+    kinds = []
+    for off_s in DARK_S:
+        until_s = SINCE_S + off_s
+        leaders = {
+            "straight": ("goes straight on", {"motion": Course(speeds())}),
+            "path": ("goes on its path", {}),
+            "stopped": ("stops", {"motion": Course(speeds((SINCE_S, 0.0)))}),
+        }
+        for way, (does, settings) in leaders.items():
+            kinds.append(
+                Kind(
+                    f"dark_{off_s}_{way}",
+                    "darkness",
+                    f"The lamp is off for {off_s} s; the leader {does}.",
+                    until_s + HOME_S,
+                    until_s=until_s,
+                    dark_s=(SINCE_S, until_s),
+                    **settings,  # type: ignore[arg-type]
+                )
+            )
+    return kinds
+
+
+def _turns() -> list[Kind]:
+    """Return leaders that turn by a right angle."""
+    kinds = []
+    for rate in TURNS_DEG_PER_S:
+        motion, until_s = turning(rate)
+        what = f"The leader turns through 90 deg at {rate} deg/s."
+        kinds.append(
+            Kind(f"turn_{rate}", "leader", what, until_s + AFTER_S, until_s=until_s, motion=motion)
+        )
+    return kinds
+
+
+def _chains() -> list[Kind]:
+    """Return turns of a leader ahead of a chain."""
+    kinds = []
+    for rate in CHAIN_DEG_PER_S:
+        motion, until_s = turning(rate)
+        what = f"Three followers, the third behind the first; a turn of 90 deg at {rate} deg/s."
+        kinds.append(
+            Kind(
+                name=f"chain_{rate}",
+                what=what,
+                duration_s=until_s + AFTER_S,
+                until_s=until_s,
+                motion=motion,
+                fleet=tuple(vee(3)),
+                **FLEET,
+            )
+        )
+    return kinds
+
+
+def dim_aside(kind: Kind, rng: np.random.Generator) -> Kind:
+    """Draw how far, and to which side, the leader goes in the dark."""
+    off_m, way = rng.uniform(3.0, 4.0), rng.uniform(0, 2 * np.pi)
+    speed = off_m / (kind.until_s - SINCE_S)
+    side = pulse(SINCE_S, kind.until_s - 0.5, speed * np.cos(way))
+    up = pulse(SINCE_S, kind.until_s - 0.5, speed * np.sin(way))
+    surge = speeds((SINCE_S, 0.0), (kind.until_s, SPEED))
+    return dataclasses.replace(kind, motion=Course(surge, side, up))
+
+
+def dim_turned(kind: Kind, rng: np.random.Generator) -> Kind:
+    """Draw how far, and to which side, the leader turns in the dark."""
+    rate = rng.choice([-1, 1]) * np.radians(rng.uniform(30, 60)) / (kind.until_s - SINCE_S)
+    return dataclasses.replace(
+        kind, motion=Course(speeds(), yaw=pulse(SINCE_S, kind.until_s, rate))
+    )
+
+
+def _starts() -> list[Kind]:
+    """Return followers that start off their station, also behind a leader that stays."""
+    places = {
+        "aside_1.5": ("1.5 m aside of its station", {"start_m": (0.0, 1.5, 0.0)}),
+        "aside_3": ("3 m aside of its station", {"start_m": (0.0, 3.0, 0.0)}),
+        "turned_100": ("turned by 100 deg", {"turned_deg": 100.0}),
+        "near_1.5": ("1.5 m behind the lamp", {"start_m": (3.0, 0.0, 0.0)}),
+        "far_12": ("12 m behind the lamp", {"start_m": (-7.5, 0.0, 0.0)}),
+    }
+    return [
+        Kind(
+            f"start_{name}{'_stays' * stays}",
+            "starts",
+            f"The follower starts {where}; the leader {'stays' if stays else 'waits for it'}.",
+            START_S,
+            since_s=0.0,
+            until_s=0.0,
+            stays=stays,
+            **settings,  # type: ignore[arg-type]
+        )
+        for stays in (False, True)
+        for name, (where, settings) in places.items()
+        if not stays or name not in ("aside_1.5", "near_1.5")
+    ]
+
+
+def _lamp(value: float, what: str) -> list[Kind]:
+    return _changes(f"lamp_{value:g}", "lamp", value, 1.0, what)
+
+
+def _absorption(value: float) -> list[Kind]:
+    more = "more" if value > 0 else "less"
+    what = f"The water absorbs {abs(value):g} /m {more},"
+    return _changes(f"absorption_{value:+g}", "absorption", value, 0.0, what)
+
+
+LONG_S = SINCE_S + AFTER_S
+# fmt: off
+KINDS: tuple[Kind, ...] = (
+    Kind("nothing", "lamp", "All is as the scene says.", LONG_S),
+    *(kind for value in (0.9, 0.8, 1.2, 0.5)
+      for kind in _lamp(value, f"The lamp has {value:g} times its power,")),
+    *(kind for value in (-0.005, 0.005, -0.02, 0.02) for kind in _absorption(value)),
+    *_changes("scattering_2", "scattering", 2.0, 1.0, "The water scatters twice as much,"),
+    *(Kind(f"plume_{depth:g}", "water", f"Clouds of depth {depth:g} that the scene does not name.",
+           LONG_S, until_s=np.inf, plume=depth) for depth in (0.5, 1.0)),
+    Kind("plume_1_passes", "water", "The same of depth 1, which have passed after 10 s.",
+         LONG_S + 10, until_s=SINCE_S + 10, plume=1.0),
+    Kind("night_plume", "water", "The scene night_plume, with clouds that it names.",
+         LONG_S, scene="night_plume"),
+    *_darkness(),
+    Kind("dark_10_current", "darkness",
+         "The lamp is off for 10 s; a current of 0.3 m/s sets the follower across.",
+         SINCE_S + 10 + HOME_S, until_s=SINCE_S + 10, dark_s=(SINCE_S, SINCE_S + 10),
+         motion=Course(speeds()), current_m_per_s=(0.0, 0.3, 0.0)),
+    Kind("dark_5_fast", "darkness", "The lamp is off for 5 s; the leader goes at 1 m/s.",
+         SINCE_S + 5 + HOME_S, until_s=SINCE_S + 5, dark_s=(SINCE_S, SINCE_S + 5),
+         motion=Course(((0, 0), (1 / RAMP_M_PER_S2, 1.0)))),
+    Kind("dim_aside", "darkness",
+         "The lamp is off for 10 s, in which it goes 3 to 4 m aside, and returns dim.",
+         SINCE_S + 10 + HOME_S, until_s=SINCE_S + 10, dark_s=(SINCE_S, SINCE_S + 10),
+         drawn=dim_aside),
+    Kind("dim_turned", "darkness",
+         "The lamp is off for 10 s, in which it turns by 30 to 60 deg, and returns dim.",
+         SINCE_S + 10 + HOME_S, until_s=SINCE_S + 10, dark_s=(SINCE_S, SINCE_S + 10),
+         drawn=dim_turned),
+    *_turns(),
+    Kind("stop", "leader", "The leader stops dead.", LONG_S, until_s=SINCE_S,
+         motion=Course(((0, 0), (SPEED / RAMP_M_PER_S2, SPEED), (SINCE_S, SPEED), (SINCE_S, 0)))),
+    Kind("dash", "leader", "The leader goes at 1.2 m/s for 15 s.", SINCE_S + 15 + AFTER_S,
+         until_s=SINCE_S + 15, motion=Course(speeds((SINCE_S, 1.2), (SINCE_S + 15, SPEED)))),
+    Kind("dive", "leader", "The leader's bow goes down by 20 deg at 5 deg/s, and up after 10 s.",
+         SINCE_S + 14 + AFTER_S, until_s=SINCE_S + 14,
+         motion=Course(speeds(), pitch=(*pulse(SINCE_S, SINCE_S + 4, np.radians(5)),
+                                        *pulse(SINCE_S + 10, SINCE_S + 14, -np.radians(5))))),
+    Kind("sink", "leader", "The leader sinks by 3 m at 0.3 m/s.", SINCE_S + 10 + AFTER_S,
+         until_s=SINCE_S + 10, motion=Course(speeds(), heave=pulse(SINCE_S, SINCE_S + 10, -0.3))),
+    Kind("back_up", "leader", "The leader backs up at 1 m/s for 8 s, and goes on.",
+         SINCE_S + 8 + AFTER_S, until_s=SINCE_S + 8,
+         motion=Course(((0, 0), (1.5, SPEED), (SINCE_S, SPEED), (SINCE_S + 1, -1.0),
+                        (SINCE_S + 8, -1.0), (SINCE_S + 9, SPEED)))),
+    *(Kind(f"speed_{speed:g}", "leader", f"The leader goes at {speed:g} m/s.", 60.0, 0.0,
+           speed / RAMP_M_PER_S2, motion=Course(((0, 0), (speed / RAMP_M_PER_S2, speed))))
+      for speed in SPEEDS_M_PER_S),
+    *(Kind(f"current_{way}", "sea", f"A current of 0.3 m/s {words}.", 60.0, 0.0, 0.0,
+           current_m_per_s=velocity)
+      for way, words, velocity in (("across", "to port", (0.0, 0.3, 0.0)),
+                                   ("along", "along the leader's way", (0.3, 0.0, 0.0)),
+                                   ("against", "against the leader", (-0.3, 0.0, 0.0)))),
+    *_starts(),
+    Kind("imu_silent_10", "sea", "The IMU, by which images are read, is silent for 10 s.",
+         SINCE_S + 10 + AFTER_S, until_s=SINCE_S + 10, silent_s=(SINCE_S, SINCE_S + 10)),
+    Kind("other_aside", "other lamps", "An equal lamp is 1.5 m aside of ours.", LONG_S,
+         others=(ASIDE,)),
+    Kind("other_aside_3", "other lamps", "An equal lamp is 3 m aside of ours.", LONG_S,
+         others=(FAR_ASIDE,)),
+    Kind("other_out", "other lamps", "Ours goes out for good, 1.5 m beside an equal one.",
+         20 + AFTER_S, 20.0, 20.0, others=(ASIDE,), dark_s=(20.0, np.inf)),
+    Kind("other_out_10", "other lamps", "Ours goes out for 10 s, 1.5 m beside an equal one.",
+         30 + HOME_S, 20.0, 30.0, others=(ASIDE,), dark_s=(20.0, 30.0)),
+    Kind("other_crossing", "other lamps", "An equal lamp crosses 1 m behind ours at 0.5 m/s.",
+         39 + AFTER_S, until_s=39.0, others=(CROSSING,)),
+    Kind("other_ahead", "other lamps", "An equal lamp lights up 3 m ahead of ours.", LONG_S,
+         others=(AHEAD,)),
+    *(Kind(name=f"formation_{n}", what=f"{n} followers in a V.", duration_s=60.0, since_s=20.0,
+           until_s=20.0, fleet=tuple(vee(n)), **FLEET) for n in (3, 4)),
+    Kind(name="formation_dark_1", what="The first of three sees nothing for 15 s.",
+         duration_s=SINCE_S + 15 + HOME_S, until_s=SINCE_S + 15, dark_s=(SINCE_S, SINCE_S + 15),
+         blind=(1,), fleet=tuple(vee(3)), **FLEET),
+    Kind(name="formation_dark_3", what="The third of three sees nothing for 10 s.",
+         duration_s=SINCE_S + 10 + HOME_S, until_s=SINCE_S + 10, dark_s=(SINCE_S, SINCE_S + 10),
+         blind=(3,), fleet=tuple(vee(3)), **FLEET),
+    *_chains(),
+)
+# fmt: on
+
+
+def kinds_named(names: str | None) -> Sequence[Kind]:
+    """Choose `KINDS` by names or groups between commas; None: all. ValueError for any other."""
+    if names is None:
+        return KINDS
+    chosen = [name.strip() for name in names.split(",")]
+    known = {kind.name for kind in KINDS} | {kind.group for kind in KINDS}
+    for name in chosen:
+        if name not in known:
+            raise ValueError(f"--kinds: {name!r} is unknown; choose of {', '.join(sorted(known))}")
+    return [kind for kind in KINDS if kind.name in chosen or kind.group in chosen]

@@ -1,0 +1,284 @@
+"""A kind of trouble for a follower, and one run of the closed loop in it."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uuv_optical_array.control.bluerov2 import BlueRov2
+from uuv_optical_array.control.closed_loop import (
+    ClosedLoop,
+    Instant,
+    Light,
+    Motion,
+    OtherLamp,
+    Swimmer,
+    clouded,
+)
+from uuv_optical_array.control.fleet import Follower
+from uuv_optical_array.control.following import Following
+from uuv_optical_array.control.formation import FormationSettings
+from uuv_optical_array.control.sea import Sea
+from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits, leader_twist
+from uuv_optical_array.core.geometry import Array, wrapped
+from uuv_optical_array.core.settings import Place
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.pipeline import Pipeline
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.prior import SCATTERING, power_offsets
+
+# Values by time: (s, value), ..., linear between, the first before them and the last after.
+Points: TypeAlias = tuple[tuple[float, float], ...]
+
+VEHICLES: dict[str, type[Vehicle]] = {"kinematic": Vehicle, "bluerov2": BlueRov2}
+STEP_S = 0.1  # 10 images a second
+SEARCH_AFTER_S = 2.0  # without a pose from the start an operator asks for a search
+# Of a leader that moves as its course says.
+OBEDIENT = VehicleLimits((5.0, 5.0, 5.0, 2.0, 2.0), (50.0, 50.0, 50.0, 20.0, 20.0))
+ALONE = (Follower(1, FormationSettings.station_m),)
+
+
+def at(points: Points, t_s: float) -> float:
+    """Return the value of points at a time, s."""
+    times_s, values = zip(*points, strict=True)
+    return float(np.interp(t_s, times_s, values))
+
+
+@dataclass(frozen=True)
+class Course:
+    """A leader's motion by its time on the path: speeds, m/s, and turn rates, rad/s.
+
+    It is a `Motion`.
+    """
+
+    surge: Points
+    sway: Points = ((0.0, 0.0),)
+    heave: Points = ((0.0, 0.0),)
+    pitch: Points = ((0.0, 0.0),)
+    yaw: Points = ((0.0, 0.0),)
+
+    def __call__(self, t_s: float) -> tuple[Array, Array]:
+        """Return the twist at a time, s."""
+        linear = [at(points, t_s) for points in (self.surge, self.sway, self.heave)]
+        return np.array(linear), np.array([0.0, at(self.pitch, t_s), at(self.yaw, t_s)])
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Another lamp, which points as ours does: its place in our lamp's frame, m, by time."""
+
+    x: Points
+    y: Points
+    lit_s: tuple[float, float] = (0.0, np.inf)
+
+    def lamp(self, t_s: float) -> OtherLamp:
+        """Return the lamp at a time, s."""
+        lit = self.lit_s[0] <= t_s < self.lit_s[1]
+        return OtherLamp(np.array([at(self.x, t_s), at(self.y, t_s), 0.0]), power=float(lit))
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What befalls a follower.
+
+    - since_s, until_s: when it begins and ends; what lasts ends as it begins.
+    - lamp, scattering: relative to the scene; absorption: beyond it, 1/m.
+    - plume: depth of clouds that the estimator does not know of, between the two times.
+    - dark_s: from when to when the lamp is off, for the followers `blind`; none: for all.
+    - start_m: of the follower, off its station; turned_deg: its yaw.
+    - stays: whether the leader does.
+    - silent_s: from when to when the IMU says nothing; none: there is no IMU.
+    - drawn: returns the kind of one run.
+    """
+
+    name: str
+    group: str
+    what: str
+    duration_s: float
+    since_s: float = 15.0
+    until_s: float = 15.0
+    scene: str = "follow"
+    lamp: Points = ()
+    absorption: Points = ()
+    scattering: Points = ()
+    plume: float = 0.0
+    dark_s: tuple[float, float] = (np.inf, np.inf)
+    blind: tuple[int, ...] = ()
+    motion: Motion = leader_twist
+    current_m_per_s: Place = (0.0, 0.0, 0.0)
+    start_m: Place = (-0.5, -0.2, 0.0)
+    turned_deg: float = 0.0
+    stays: bool = False
+    silent_s: tuple[float, float] = (np.inf, np.inf)
+    others: tuple[Beside, ...] = ()
+    fleet: tuple[Follower, ...] = ALONE
+    drawn: "Callable[[Kind, np.random.Generator], Kind] | None" = None
+
+    def dark(self, number: int, t_s: float) -> bool:
+        """Say whether the lamp that a follower follows is off at a time, s."""
+        return self.dark_s[0] <= t_s < self.dark_s[1] and number in (self.blind or (number,))
+
+
+class Run(NamedTuple):
+    """What one follower of a run did, a row for each image.
+
+    - t_s: ``(n,)``.
+    - off_m: distance from its station, ``(n,)``.
+    - errors, stds: of the track, m and rad, nan without one, ``(n, 5)``.
+    - steered: whether the track steered, ``(n,)``.
+    - dark: whether the lamp was off, ``(n,)``.
+    - states: their names.
+    - reasons: of the states.
+    - station_m: from its lamp.
+    """
+
+    t_s: Array
+    off_m: Array
+    errors: Array
+    stds: Array
+    steered: NDArray[np.bool_]
+    dark: NDArray[np.bool_]
+    states: list[str]
+    reasons: list[str]
+    station_m: float
+
+
+def run(
+    kind: Kind,
+    seed: int,
+    vehicle: str,
+    estimator: Estimator,
+    follow: Callable[[FormationSettings], Following] = Following,
+) -> list[Run]:
+    """Run the loop once in a kind of trouble; return what each follower did.
+
+    The `estimator` is of the kind's scene, `vehicle` a key of `VEHICLES`, the followers' model.
+    """
+    rng = np.random.default_rng(seed)
+    if kind.drawn is not None:
+        kind = kind.drawn(kind, rng)
+    loop = loop_of(kind, seed, vehicle, estimator, rng, follow)
+    steps = [loop.step(STEP_S)]
+    for _ in range(round(kind.duration_s / STEP_S) - 1):
+        if round(loop.t_s / STEP_S) == round(SEARCH_AFTER_S / STEP_S):
+            for swimmer in loop.followers:
+                if swimmer.following.state.name == "waiting":
+                    swimmer.following.search(loop.t_s)
+        steps.append(loop.step(STEP_S))
+    ways = zip(*steps, strict=True)
+    return [_recorded(kind, one, list(way)) for one, way in zip(kind.fleet, ways, strict=True)]
+
+
+def loop_of(
+    kind: Kind,
+    seed: int,
+    vehicle: str,
+    estimator: Estimator,
+    rng: np.random.Generator,
+    follow: Callable[[FormationSettings], Following] = Following,
+) -> ClosedLoop:
+    """Return the closed loop of a kind; arguments as of `run`."""
+    leader = Vehicle(np.zeros(3))
+    if kind.motion is not leader_twist:
+        leader.limits = OBEDIENT
+    model = VEHICLES[vehicle]
+    swimmers: list[Swimmer] = []
+    imu = partial(_imu, kind.silent_s) if np.isfinite(kind.silent_s[0]) else _no_imu
+    clear, cloudy = _models(kind, estimator, seed)
+    places = [np.zeros(3)]
+    for one in kind.fleet:
+        place = places[one.ahead] + np.array(one.station_m)
+        places.append(place)
+        swimmers.append(
+            Swimmer(
+                model(place + kind.start_m, yaw=float(np.radians(kind.turned_deg))),
+                Pipeline(estimator),
+                follow(FormationSettings(station_m=one.station_m)),
+                partial(_light, kind, one.number, clear, cloudy),
+                one.ahead,
+                imu,
+            )
+        )
+    motion = _still if kind.stays else kind.motion
+    return ClosedLoop(leader, swimmers, rng, motion, Sea(kind.current_m_per_s))
+
+
+def _still(t_s: float) -> tuple[Array, Array]:
+    return np.zeros(3), np.zeros(3)
+
+
+def _no_imu(roll: float, t_s: float) -> float:
+    return 0.0
+
+
+def _imu(silent_s: tuple[float, float], roll: float, t_s: float) -> float | None:
+    return None if silent_s[0] <= t_s < silent_s[1] else roll
+
+
+def _models(kind: Kind, estimator: Estimator, seed: int) -> tuple[ForwardModel, ForwardModel]:
+    """Return the models of the sea before and in the kind's clouds, which the seed draws."""
+    scene = estimator.scene
+    own = scene.effects.get("plume", {}).get("depth", 0.0)
+    clear = clouded(scene, own, seed)
+    return clear, clouded(scene, kind.plume, seed) if kind.plume else clear
+
+
+def _light(
+    kind: Kind, number: int, clear: ForwardModel, cloudy: ForwardModel, t_s: float
+) -> Light:
+    """Return the light of an instant."""
+    power = at(kind.lamp, t_s) if kind.lamp else 1.0
+    if kind.dark(number, t_s):
+        power = 0.0
+    scene = clear.scene
+    offsets: dict[str, Any] = power_offsets([power], scene.lamp_count)
+    if kind.absorption:
+        offsets[scene.attenuation[0]] = np.array(at(kind.absorption, t_s))
+    if kind.scattering:
+        offsets[SCATTERING] = np.log(at(kind.scattering, t_s))
+    model = cloudy if kind.since_s <= t_s < kind.until_s else clear
+    return Light(model, offsets, [other.lamp(t_s) for other in kind.others])
+
+
+def _recorded(kind: Kind, one: Follower, way: Sequence[Instant]) -> Run:
+    """Return what a follower did, by its instants."""
+    station = np.array(one.station_m)
+    errors, stds = np.full((2, len(way), 5), np.nan)
+    for i, instant in enumerate(way):
+        track = instant.answer.track
+        if track is not None:
+            errors[i] = wrapped(track.pose - instant.true_pose)
+            stds[i] = np.sqrt(track.covariance.diagonal())
+    states = [instant.state.name for instant in way]
+    return Run(
+        np.array([instant.t_s for instant in way]),
+        np.array([np.linalg.norm(instant.true_pose[:3] - station) for instant in way]),
+        errors,
+        stds,
+        np.array(
+            [
+                instant.answer.track is not None
+                and not instant.answer.reason
+                and instant.state.name == "locked"
+                for instant in way
+            ]
+        ),
+        np.array([kind.dark(one.number, instant.t_s) for instant in way]),
+        list(states),
+        [instant.state.reason for instant in way],
+        float(np.linalg.norm(station)),
+    )
+
+
+def scenes_of(kinds: Sequence[Kind]) -> list[str]:
+    """Return the scenes of kinds, each once."""
+    return list(dict.fromkeys(kind.scene for kind in kinds))
+
+
+def replaced(kind: Kind, changes: Mapping[str, Any]) -> Kind:
+    """Return a kind with other values."""
+    return dataclasses.replace(kind, **changes)

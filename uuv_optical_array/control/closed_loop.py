@@ -162,6 +162,7 @@ class ClosedLoop:
             answer = Answer(stamp_ns, None, None, "no roll: the IMU is silent")
         else:
             answer = swimmer.pipeline.answer(stamp_ns, image, told)
+        swimmer.following.looked(self.t_s)
         track = answer.track
         if track is not None:
             try:

@@ -20,8 +20,8 @@ BOW_UP = (48.0, 10.0, -np.radians(2.0))
 class VehicleLimits:
     """Limits of surge, sway, heave, pitch rate and yaw rate, of their change, and of the pitch."""
 
-    speed: tuple[float, ...] = (1.5, 0.8, 0.8, 0.25, 0.25)
-    acceleration: tuple[float, ...] = (0.3, 0.3, 0.3, 0.15, 0.15)
+    speed: tuple[float, ...] = (1.5, 1.0, 0.8, 0.6, 0.6)
+    acceleration: tuple[float, ...] = (0.5, 0.5, 0.5, 0.3, 0.3)
     pitch: float = 0.8  # rad: here the righting moment wins
 
 

@@ -21,7 +21,7 @@ COMMANDS = {
 STUDIES = {
     name: import_module(f"uuv_optical_array.studies.{name}")
     for name in (
-        *("accuracy", "robustness", "drives", "transport"),
+        *("accuracy", "robustness", "envelope", "drives", "transport"),
         *("tradeoff", "design", "paper", "approach"),
     )
 }

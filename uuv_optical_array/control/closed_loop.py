@@ -183,16 +183,16 @@ class ClosedLoop:
         light = model.light(pose, roll, offsets, self.t_s)
         own, lamp = swimmer.vehicle, self._ahead(swimmer)
         lamps = [
-            (lamp.position + lamp.rotation @ other.position, lamp.rotation @ other.rotation, other)
-            for other in others
+            (lamp.position + lamp.rotation @ place, lamp.rotation @ rotation, power)
+            for place, rotation, power in others
         ]
-        vehicles = [self.leader, *(follower.vehicle for follower in self.followers)]
-        for vehicle in vehicles:
+        for vehicle in [self.leader, *(follower.vehicle for follower in self.followers)]:
             if vehicle is not own and vehicle is not lamp:
-                lamps.append((vehicle.position, vehicle.rotation, None))
-        for position, rotation, other in lamps:
-            seen = relative_pose(position, rotation, own.position, own.rotation)
-            light = light + (other.power if other else 1.0) * model.light(*seen, {}, self.t_s)
+                lamps.append((vehicle.position, vehicle.rotation, 1.0))
+        for position, rotation, power in lamps:
+            if power > 0:
+                seen = relative_pose(position, rotation, own.position, own.rotation)
+                light = light + power * model.light(*seen, {}, self.t_s)
         return model.read(light, self._rng)
 
     def _ahead(self, swimmer: Swimmer) -> Vehicle:

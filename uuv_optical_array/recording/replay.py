@@ -1,18 +1,13 @@
 """A recording estimated anew, by the same pipeline as on a vehicle."""
 
-import gc
-import math
-import multiprocessing
-import os
-import signal
-from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Generator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.processes import spread
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Answer, Pipeline
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
@@ -66,34 +61,4 @@ def replay(
                 reason = str(no_pose)
         return Answer(int(stamps_ns[i]), estimate, None, reason)
 
-    yield from _spread(answer, len(images), processes)
-
-
-Work = Callable[[int], Answer]
-_work: list[Work] = []  # of a process of the pool
-
-
-def _begin(work: Work) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that waits
-    gc.freeze()  # ROS nodes that the parent has dropped cannot be ended without its threads
-    _work.append(work)
-
-
-def _do(i: int) -> Answer:
-    return _work[0](i)
-
-
-def _spread(work: Work, count: int, processes: int | None) -> Iterator[Answer]:
-    """Yield the answer to each of `count` images, in order, from several processes if it pays."""
-    # Not every system says which cores this process may use.
-    cores = len(getattr(os, "sched_getaffinity", lambda process: range(os.cpu_count() or 1))(0))
-    processes = min(processes or cores, math.ceil(count / CHUNK_FRAMES))
-    if processes <= 1:
-        yield from map(work, range(count))
-        return
-    # Forked, a process has images, table and compiled fit from the beginning.
-    pool = ProcessPoolExecutor(processes, multiprocessing.get_context("fork"), _begin, (work,))
-    try:
-        yield from pool.map(_do, range(count), chunksize=CHUNK_FRAMES)
-    finally:
-        pool.shutdown(cancel_futures=True)
+    yield from spread(answer, len(images), processes, CHUNK_FRAMES)

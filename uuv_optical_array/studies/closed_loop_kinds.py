@@ -6,6 +6,7 @@ after 15 s, in its first turn. A new kind is an entry of `KINDS`.
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ DARK_S = (1, 2, 5, 10, 20, 30, 60)
 TURNS_DEG_PER_S = (6, 10, 15, 20, 30)
 CHAIN_DEG_PER_S = (3, 4, 8)
 SPEEDS_M_PER_S = (0.9, 1.0, 1.2, 1.5)
-FLEET = {"scene": "formation", "group": "formations"}
+FLEET: dict[str, Any] = {"scene": "formation", "group": "formations"}
 # Lamps as bright as ours.
 ASIDE = Beside(((0, 0),), ((0, 1.5),))
 FAR_ASIDE = Beside(((0, 0),), ((0, 3.0),))
@@ -62,10 +63,10 @@ def _changes(name: str, field: str, value: float, usual: float, what: str) -> li
     back = (*step, (SINCE_S + BACK_S, value), (SINCE_S + BACK_S, usual))
     until_s = SINCE_S + BACK_S
     group = "lamp" if field == "lamp" else "water"
-    ways = (
-        ("", step, SINCE_S, "at once"),
-        ("_slow", slow, until_s, f"within {BACK_S:g} s"),
-        ("_back", back, until_s, f"at once, and is as before after {BACK_S:g} s"),
+    ways: tuple[tuple[str, dict[str, Any], float, str], ...] = (
+        ("", {field: step}, SINCE_S, "at once"),
+        ("_slow", {field: slow}, until_s, f"within {BACK_S:g} s"),
+        ("_back", {field: back}, until_s, f"at once, and is as before after {BACK_S:g} s"),
     )
     return [
         Kind(
@@ -74,9 +75,9 @@ def _changes(name: str, field: str, value: float, usual: float, what: str) -> li
             f"{what} {when}.",
             until + AFTER_S,
             until_s=until,
-            **{field: points},  # type: ignore[arg-type]
+            **changed,
         )
-        for way, points, until, when in ways
+        for way, changed, until, when in ways
     ]
 
 
@@ -85,7 +86,7 @@ def _darkness() -> list[Kind]:
     kinds = []
     for off_s in DARK_S:
         until_s = SINCE_S + off_s
-        leaders = {
+        leaders: dict[str, tuple[str, dict[str, Any]]] = {
             "straight": ("goes straight on", {"motion": Course(speeds())}),
             "path": ("goes on its path", {}),
             "stopped": ("stops", {"motion": Course(speeds((SINCE_S, 0.0)))}),
@@ -99,7 +100,7 @@ def _darkness() -> list[Kind]:
                     until_s + HOME_S,
                     until_s=until_s,
                     dark_s=(SINCE_S, until_s),
-                    **settings,  # type: ignore[arg-type]
+                    **settings,
                 )
             )
     return kinds
@@ -157,12 +158,12 @@ def dim_turned(kind: Kind, rng: np.random.Generator) -> Kind:
 
 def _starts() -> list[Kind]:
     """Return followers that start off their station, also behind a leader that stays."""
-    places = {
+    places: dict[str, tuple[str, dict[str, Any]]] = {
         "aside_1.5": ("1.5 m aside of its station", {"start_m": (0.0, 1.5, 0.0)}),
         "aside_3": ("3 m aside of its station", {"start_m": (0.0, 3.0, 0.0)}),
         "turned_100": ("turned by 100 deg", {"turned_deg": 100.0}),
-        "near_1.5": ("1.5 m behind the lamp", {"start_m": (3.0, 0.0, 0.0)}),
-        "far_12": ("12 m behind the lamp", {"start_m": (-7.5, 0.0, 0.0)}),
+        "near_1.5": ("1.5 m behind the lamp", {"start_m": (0.0, 0.0, 0.0), "behind_m": 1.5}),
+        "far_12": ("12 m behind the lamp", {"start_m": (0.0, 0.0, 0.0), "behind_m": 12.0}),
     }
     return [
         Kind(
@@ -173,7 +174,7 @@ def _starts() -> list[Kind]:
             since_s=0.0,
             until_s=0.0,
             stays=stays,
-            **settings,  # type: ignore[arg-type]
+            **settings,
         )
         for stays in (False, True)
         for name, (where, settings) in places.items()

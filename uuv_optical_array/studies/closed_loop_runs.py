@@ -1,10 +1,9 @@
 """A kind of trouble for a follower, and one run of the closed loop in it."""
 
-import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,8 @@ from uuv_optical_array.forward.prior import SCATTERING, power_offsets
 # Values by time: (s, value), ..., linear between, the first before them and the last after.
 Points: TypeAlias = tuple[tuple[float, float], ...]
 
-VEHICLES: dict[str, type[Vehicle]] = {"kinematic": Vehicle, "bluerov2": BlueRov2}
+Model = Literal["kinematic", "bluerov2"]
+VEHICLES: dict[Model, type[Vehicle]] = {"kinematic": Vehicle, "bluerov2": BlueRov2}
 STEP_S = 0.1  # 10 images a second
 SEARCH_AFTER_S = 2.0  # without a pose from the start an operator asks for a search
 # Of a leader that moves as its course says.
@@ -89,7 +89,8 @@ class Kind:
     - lamp, scattering: relative to the scene; absorption: beyond it, 1/m.
     - plume: depth of clouds that the estimator does not know of, between the two times.
     - dark_s: from when to when the lamp is off, for the followers `blind`; none: for all.
-    - start_m: of the follower, off its station; turned_deg: its yaw.
+    - start_m: of the follower, off its station; behind_m: how far behind the lamp instead;
+      turned_deg: its yaw.
     - stays: whether the leader does.
     - silent_s: from when to when the IMU says nothing; none: there is no IMU.
     - drawn: returns the kind of one run.
@@ -111,6 +112,7 @@ class Kind:
     motion: Motion = leader_twist
     current_m_per_s: Place = (0.0, 0.0, 0.0)
     start_m: Place = (-0.5, -0.2, 0.0)
+    behind_m: float | None = None
     turned_deg: float = 0.0
     stays: bool = False
     silent_s: tuple[float, float] = (np.inf, np.inf)
@@ -147,10 +149,10 @@ class Run(NamedTuple):
     station_m: float
 
 
-def run(
+def run_kind(
     kind: Kind,
     seed: int,
-    vehicle: str,
+    vehicle: Model,
     estimator: Estimator,
     follow: Callable[[FormationSettings], Following] = Following,
 ) -> list[Run]:
@@ -176,7 +178,7 @@ def run(
 def loop_of(
     kind: Kind,
     seed: int,
-    vehicle: str,
+    vehicle: Model,
     estimator: Estimator,
     rng: np.random.Generator,
     follow: Callable[[FormationSettings], Following] = Following,
@@ -193,9 +195,12 @@ def loop_of(
     for one in kind.fleet:
         place = places[one.ahead] + np.array(one.station_m)
         places.append(place)
+        start = place + kind.start_m
+        if kind.behind_m is not None:
+            start[0] = -kind.behind_m
         swimmers.append(
             Swimmer(
-                model(place + kind.start_m, yaw=float(np.radians(kind.turned_deg))),
+                model(start, yaw=float(np.radians(kind.turned_deg))),
                 Pipeline(estimator),
                 follow(FormationSettings(station_m=one.station_m)),
                 partial(_light, kind, one.number, clear, cloudy),
@@ -227,9 +232,7 @@ def _models(kind: Kind, estimator: Estimator, seed: int) -> tuple[ForwardModel, 
     return clear, clouded(scene, kind.plume, seed) if kind.plume else clear
 
 
-def _light(
-    kind: Kind, number: int, clear: ForwardModel, cloudy: ForwardModel, t_s: float
-) -> Light:
+def _light(kind: Kind, number: int, clear: ForwardModel, cloudy: ForwardModel, t_s: float) -> Light:
     """Return the light of an instant."""
     power = at(kind.lamp, t_s) if kind.lamp else 1.0
     if kind.dark(number, t_s):
@@ -272,13 +275,3 @@ def _recorded(kind: Kind, one: Follower, way: Sequence[Instant]) -> Run:
         [instant.state.reason for instant in way],
         float(np.linalg.norm(station)),
     )
-
-
-def scenes_of(kinds: Sequence[Kind]) -> list[str]:
-    """Return the scenes of kinds, each once."""
-    return list(dict.fromkeys(kind.scene for kind in kinds))
-
-
-def replaced(kind: Kind, changes: Mapping[str, Any]) -> Kind:
-    """Return a kind with other values."""
-    return dataclasses.replace(kind, **changes)

@@ -1,0 +1,321 @@
+"""``uuv_array study envelope``: measure when a follower keeps its leader, and when it loses it.
+
+Run the closed loop of vehicles, sea, lamp, array, estimator, track and law in one kind of trouble
+after the other: lamps and water that change, clouds, darkness, leaders that turn, stop or dash,
+currents, starts off the station, other lamps, formations. A run is kept where the follower was
+never farther than 1 m off its station since the trouble began, and lost where in the end it is
+farther than half the station's distance to the lamp, or searches, though the lamp shines; all else
+strayed. A frame is false where its track is off by more than six of its own standard deviations.
+
+  uuv_array study envelope                                      every kind, ten seeds each
+  uuv_array study envelope --kinds darkness,turn_20 --seeds 3   a group and a kind
+  uuv_array study envelope --vehicle bluerov2 --station=-6,0,0
+Ctrl-C ends it early and reports the kinds it has.
+"""
+
+import argparse
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.control.fleet import Follower
+from uuv_optical_array.control.following import STATES, Following
+from uuv_optical_array.control.formation import STATION, FormationSettings
+from uuv_optical_array.core.processes import spread
+from uuv_optical_array.core.settings import Place, Quantity, Setting
+from uuv_optical_array.core.storage.formats import columns, plain
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.plots.style import mark, new_figure, plain_log_ticks, save
+from uuv_optical_array.studies.closed_loop_kinds import kinds_named
+from uuv_optical_array.studies.closed_loop_runs import ALONE, Kind, Model, Run, run_kind
+from uuv_optical_array.studies.shared.errors import SIGMAS
+from uuv_optical_array.studies.shared.results import until_interrupted
+
+KEPT_M = 1.0  # a follower that was never farther off has kept its leader
+BACK_M = 0.5  # within which it is back
+LOST_SHARE = 0.5  # of the station's distance to the lamp, beyond which it is lost
+END_S = 1.0  # at the end of a run over which the distance is averaged
+OUTCOMES = {"kept": "#2c9c5a", "strayed": "#e0a800", "lost": "#c8401e"}
+COLUMNS = {
+    "kind": "kind",
+    "kept": "kept",
+    "strayed": "strayed",
+    "lost": "lost",
+    "off_m": "off (m)",
+    "end_m": "end (m)",
+    "back": "back",
+    "back_s": "after (s)",
+    "false": "false",
+    "false_steered": "steered",
+    "states": "states",
+}
+
+
+def outcome(run: Run, since_s: float) -> str:
+    """Say what became of a follower: a key of `OUTCOMES`."""
+    if run.dark[-1]:  # no lamp to be near: lost is who follows another's
+        last = run.t_s > run.t_s[-1] - 10 * END_S
+        followed = (run.steered & false_frames(run))[last].any()
+        return "lost" if followed else "kept"
+    if end_m(run) > LOST_SHARE * run.station_m or run.states[-1] in ("searching", "lost"):
+        return "lost"
+    return "kept" if farthest_m(run, since_s) <= KEPT_M else "strayed"
+
+
+def farthest_m(run: Run, since_s: float) -> float:
+    """Return how far off its station a follower was at most since a time, m."""
+    return float(run.off_m[run.t_s >= since_s].max())
+
+
+def end_m(run: Run) -> float:
+    """Return how far off its station a follower was in the end, m."""
+    return float(run.off_m[run.t_s > run.t_s[-1] - END_S].mean())
+
+
+def back_s(run: Run, until_s: float) -> float | None:
+    """Return after how long from a time a follower stayed within `BACK_M`, s; None: never."""
+    away = run.t_s[run.off_m > BACK_M]
+    if end_m(run) > BACK_M:
+        return None
+    return float(max(0.0, away[-1] - until_s)) if len(away) else 0.0
+
+
+def false_frames(run: Run) -> Any:
+    """Say which frames have a track that is off by more than `SIGMAS` of its own, ``(n,)``."""
+    return (np.abs(run.errors) > SIGMAS * run.stds).any(axis=1)
+
+
+def figures(kind: Kind, runs: Sequence[Sequence[Run]]) -> dict[str, Any]:
+    """Return plain values of the runs of a kind, by seed and follower; None for what is unknown.
+
+    Of several followers the one that fared worst counts.
+    """
+    every = [run for one in runs for run in one]
+    outcomes = [
+        max((outcome(run, kind.since_s) for run in one), key=list(OUTCOMES).index) for one in runs
+    ]
+    until_s = kind.until_s if np.isfinite(kind.until_s) else kind.since_s
+    backs = [[s for run in one if (s := back_s(run, until_s)) is not None] for one in runs]
+    came = [max(times) for times in backs if len(times) == len(kind.fleet)]
+    counted = [run.t_s >= kind.since_s for run in every]
+    false = [false_frames(run) & part for run, part in zip(every, counted, strict=True)]
+    seen = {state for run in every for state in run.states}
+    return plain(
+        {
+            **{"kind": kind.name, "group": kind.group, "what": kind.what, "runs": len(runs)},
+            **{name: outcomes.count(name) for name in OUTCOMES},
+            "off_m": max(farthest_m(run, kind.since_s) for run in every),
+            "off_median_m": float(np.median([farthest_m(run, kind.since_s) for run in every])),
+            "end_m": max(map(end_m, every)),
+            "back": len(came),
+            "back_s": max(came, default=None),
+            "frames": sum(
+                int((part & ~np.isnan(run.errors[:, 0])).sum())
+                for run, part in zip(every, counted, strict=True)
+            ),
+            "false": sum(int(part.sum()) for part in false),
+            "false_steered": sum(
+                int((part & run.steered).sum()) for run, part in zip(every, false, strict=True)
+            ),
+            "states": [state for state in STATES if state in seen],
+        }
+    )
+
+
+def measure(
+    kinds: Sequence[Kind],
+    seeds: int,
+    first: int,
+    vehicle: Model,
+    processes: int | None = None,
+    follow: Callable[[FormationSettings], Following] = Following,
+) -> Iterator[dict[str, Any]]:
+    """Yield the `figures` of each kind, of so many seeds from the `first` on."""
+    scenes = dict.fromkeys(kind.scene for kind in kinds)
+    estimators = {scene: Estimator(load_scene(scene)).wait() for scene in scenes}
+
+    def work(i: int) -> list[Run]:
+        kind = kinds[i // seeds]
+        seed = first + i % seeds
+        return run_kind(kind, seed, vehicle, estimators[kind.scene], follow)
+
+    count = len(kinds) * seeds
+    runs = progress.over(spread(work, count, processes), "run", count)
+    for kind in kinds:
+        yield figures(kind, [next(runs) for _ in range(seeds)])
+
+
+def report(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the kinds as a table, a part for each group."""
+
+    def cell(value: Any) -> str:
+        if isinstance(value, list):
+            return " ".join(value)
+        return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+    lines = columns(
+        [[*COLUMNS.values()], *([cell(row[key]) for key in COLUMNS] for row in rows)]
+    ).splitlines()
+    text, group = [lines[0]], ""
+    for row, line in zip(rows, lines[1:], strict=True):
+        if row["group"] != group:
+            group = row["group"]
+            text += ["", group]
+        text.append(line)
+    return "\n".join(text)
+
+
+def envelope(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Say in words within what no run was lost, as far as the kinds tell."""
+    by_name = {row["kind"]: row for row in rows}
+
+    def until(begin: str, end: str = "") -> str:
+        """Return the largest value below which no kind lost a run, and the first that did."""
+        values = {
+            float(name.removeprefix(begin).removesuffix(end)): row
+            for name, row in by_name.items()
+            if name.startswith(begin) and name.endswith(end)
+        }
+        held = "none"
+        for value in sorted(values):
+            row = values[value]
+            if row["lost"]:
+                return f"{held}; {value:g}: {row['lost']} of {row['runs']} lost"
+            held = f"up to {value:g}, off by {row['off_m']:.2g} m at most"
+        return held if values else ""
+
+    lines = {
+        "turn through 90 deg (deg/s)": until("turn_"),
+        "speed of the leader (m/s)": until("speed_"),
+        "darkness, leader straight on (s)": until("dark_", "_straight"),
+        "darkness, leader on its path (s)": until("dark_", "_path"),
+        "darkness, leader stopped (s)": until("dark_", "_stopped"),
+        "chain of three, turn (deg/s)": until("chain_"),
+    }
+    starts = [row for name, row in by_name.items() if name.startswith("start_")]
+    told = [
+        f"{row['kind'].removeprefix('start_')} {row['runs'] - row['lost']} of {row['runs']}"
+        + ("" if row["back_s"] is None else f" within {row['back_s']:.0f} s")
+        for row in starts
+    ]
+    lines["found from the start"] = ", ".join(told)
+    width = max(map(len, lines))
+    return [f"{name:<{width}}  {text}" for name, text in lines.items() if text]
+
+
+def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
+    """Draw what became of the runs, and how far off they were, a row for each kind."""
+    shown = _in_columns(rows)
+    figure = new_figure(16, 2.0 + 0.235 * max(12, *map(len, shown)))
+    axes = figure.subplots(1, 2 * len(shown), width_ratios=(1, 3) * len(shown), squeeze=False)[0]
+    for part, shares, distances in zip(shown, axes[::2], axes[1::2], strict=True):
+        _draw_part(part, shares, distances)
+    names = {
+        "kept": f"kept: never farther than {KEPT_M:g} m off",
+        "strayed": "strayed: farther, not lost",
+        "lost": "lost",
+    }
+    handles = [mark(names[name], "s", color=colour, ms=11) for name, colour in OUTCOMES.items()]
+    handles.append(mark("farthest off since it began, of all seeds", "s", color="0.75", ms=11))
+    handles.append(mark("off in the end, worst seed", "D", color="k", ms=6))
+    handles.append(mark("false poses steered", "x", color="k", ms=8, mew=2))
+    figure.legend(handles=handles, loc="outside lower center", ncols=6, fontsize=10)
+    figure.suptitle(f"What a follower keeps and loses: {about}", fontsize=13)
+    return figure
+
+
+def _in_columns(rows: Sequence[dict[str, Any]]) -> list[list[dict[str, Any] | str]]:
+    """Return rows below the titles of their groups, in two columns where they are many."""
+    lines: list[dict[str, Any] | str] = []
+    begins = []
+    for row in rows:
+        if row["group"] not in lines:
+            begins.append(len(lines))
+            lines.append(row["group"])
+        lines.append(row)
+    if len(lines) < 40:
+        return [lines]
+    half = min(begins, key=lambda begin: abs(begin - len(lines) / 2))
+    return [lines[:half], lines[half:]]
+
+
+def _draw_part(part: Sequence[dict[str, Any] | str], shares: Any, distances: Any) -> None:
+    """Draw a column of kinds on two axes."""
+    labels = []
+    for y, row in enumerate(part):
+        if isinstance(row, str):
+            labels.append(row)
+            for axes in (shares, distances):
+                axes.axhspan(y - 0.5, y + 0.5, color="0.93", lw=0)
+            continue
+        labels.append(row["kind"])
+        left, worst = 0.0, "kept"
+        for name, colour in OUTCOMES.items():
+            share = row[name] / row["runs"]
+            shares.barh(y, share, left=left, color=colour, height=0.8)
+            left, worst = left + share, name if share else worst
+        colour = OUTCOMES[worst]
+        distances.barh(y, row["off_m"], color=colour, alpha=0.45, height=0.8)
+        distances.plot(row["end_m"], y, "D", color="k", ms=4.5)
+        if row["false_steered"]:
+            distances.plot(32, y, "x", color="k", ms=7, mew=2, clip_on=False)
+    shares.set(xlim=(0, 1), xticks=[], xlabel="runs")
+    distances.set(xscale="log", xlim=(0.05, 40), xlabel="off its station (m)", yticks=[])
+    plain_log_ticks(distances.xaxis)
+    distances.axvline(KEPT_M, color="k", lw=0.8, ls=":")
+    distances.grid(axis="x", alpha=0.4)
+    distances.set_axisbelow(True)
+    shares.set_yticks(range(len(part)), labels, fontsize=9)
+    for row, label in zip(part, shares.get_yticklabels(), strict=True):
+        if isinstance(row, str):
+            label.set_fontweight("bold")
+    for axes in (shares, distances):
+        axes.set_ylim(len(part) - 0.5, -0.5)
+        axes.tick_params(axis="y", length=0)
+
+
+def at_station(kinds: Sequence[Kind], station_m: Place) -> list[Kind]:
+    """Return kinds with another station where there is one follower; the others as they are."""
+    alone = (Follower(1, station_m),)
+    return [
+        dataclasses.replace(kind, fleet=alone) if kind.fleet is ALONE else kind for kind in kinds
+    ]
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    about = "kinds, or groups of them (default: all)"
+    parser.add_argument("--kinds", metavar="NAME,...", help=about)
+    options.add_number(parser, "seeds", Quantity("runs of each kind", "", 1, 1e4), 10)
+    models = Setting(Model, Quantity("model of the followers"), "kinematic", False)
+    options.add_setting(parser, "vehicle", models)
+    station = Setting(Place, STATION, FormationSettings.station_m, False)
+    options.add_setting(parser, "station", station)
+    cores = Quantity("processes that share the runs; default: one for each core", "", 1, 1000)
+    options.add_number(parser, "processes", cores, None, int)
+    options.add_seed(parser)
+    options.add_json(parser)
+    outputs.add_picture(parser, "envelope.png")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the study, print and draw it."""
+    output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    with options.checking_options():
+        kinds = at_station(kinds_named(args.kinds), FormationSettings(args.station).station_m)
+    count, seed, vehicle = args.seeds, args.seed, args.vehicle
+    rows, complete = until_interrupted(measure(kinds, count, seed, vehicle, args.processes))
+    at = ", ".join(f"{value:g}" for value in args.station)
+    about = f"{vehicle}, station [{at}] m, {count} runs a kind, seeds from {seed}"
+    save(draw(rows, about), output)
+    words = envelope(rows)
+    result = {"vehicle": vehicle, "station_m": list(args.station), "seed": seed, "seeds": count}
+    result |= {"complete": complete, "kinds": rows, "envelope": words, "picture": str(output)}
+    text = "\n\n".join(
+        [about, report(rows), *(["\n".join(words)] if words else []), f"picture: {output}"]
+    )
+    return outputs.finish(args, result, text, complete, "the table ends where the work ended")

@@ -60,6 +60,7 @@ CAUSES = {
     "faulty detector": "One is dead, stuck, dirty or in a glint. The pose is that of the others.",
     "not engaged": "Told to steer nothing, by `~/engage` or by `start_engaged`.",
     "follower waits": "The demonstration's follower has no leader.",
+    "left out": "Another vehicle's odometry is missing: the image lacks its lamp and its body.",
     "leader waits": "A follower's first command, or its compiled fit, is missing.",
     "table": "Its folder is missing, damaged or of another scene.",
     "scene": "No pose of its table has light.",

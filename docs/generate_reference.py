@@ -306,7 +306,8 @@ def topics() -> list[str]:
         "Names are relative and can be remapped. Publishers are reliable, subscriptions have "
         "sensor-data QoS; `qos_overrides` parameters change both. Every node also publishes "
         "`/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz, with `publish_tf` some `/tf`. "
-        "`<n>` counts the followers of a leader alone. Filled marks publish, open ones subscribe.",
+        "`<n>` counts the followers of a leader alone, `<other>` is each of `others`. Filled marks "
+        "publish, open ones subscribe.",
         "![Nodes and topics](../pictures/nodes.svg)",
         table(("topic", "type", "published by", "subscribed by"), rows),
         "`array/image` is mono16, counts; row 0 is the top, column 0 the port edge. "

@@ -52,7 +52,7 @@ def nodes(context):
     arguments = {}
     if given("scene"):
         load_scene(given("scene"))
-    for name in ("scene", "frame_prefix", "leader_frame"):
+    for name in ("scene", "frame_prefix", "leader_frame", "others"):
         if given(name):
             arguments[name] = ParameterValue(given(name), value_type=str)
     if given("use_sim_time"):

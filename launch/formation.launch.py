@@ -45,6 +45,7 @@ def fleet(context):
                 "frame_prefix": f"{follower.namespace}/",
                 "leader_odometry": f"{root}{follower.lamp_odometry}",
                 "leader_frame": f"/{follower.lamp_frame}",
+                "others": " ".join(root + topic for topic in follower.others(followers)),
                 "station": str(list(follower.station_m)),
                 "rviz": "false",
             }

@@ -9,11 +9,13 @@ A station swings sideways by its distance to the leader times the leader's turn 
 of a chain is as far behind as the law's fastest sway can follow, so there is no third.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated
 
 from uuv_optical_array.core.settings import Place, Quantity, check
 
+LEADER = "leader/odometry"  # topic of the leader's odometry
 MIN_SEPARATION_M = 1.0  # between the centres of two vehicles, each some half a metre long
 # One image of the scene `formation` gives the range to 0.2 m at the first two, not at the third.
 FIRST_M: Place = (-5.0, 1.0, 0.0)  # of the first follower on the port arm of a V
@@ -40,14 +42,24 @@ class Follower:
         return f"follower_{self.number}"
 
     @property
+    def odometry(self) -> str:
+        """Return the topic of its odometry, within the fleet's namespace."""
+        return f"{self.namespace}/follower/odometry"
+
+    @property
     def lamp_odometry(self) -> str:
         """Return the topic of the odometry of the vehicle that it follows, within the fleet's."""
-        return f"follower_{self.ahead}/follower/odometry" if self.ahead else "leader/odometry"
+        return f"follower_{self.ahead}/follower/odometry" if self.ahead else LEADER
 
     @property
     def lamp_frame(self) -> str:
         """Return the frame of that vehicle, where each follower's frames have its namespace."""
         return self.lamp_odometry.replace("odometry", "base_link")
+
+    def others(self, fleet: Iterable["Follower"]) -> list[str]:
+        """Return the topics of the odometry of all vehicles but itself and the one it follows."""
+        topics = [LEADER, *(follower.odometry for follower in fleet)]
+        return [topic for topic in topics if topic not in (self.odometry, self.lamp_odometry)]
 
 
 def vee(followers: int, chain: bool = True) -> list[Follower]:

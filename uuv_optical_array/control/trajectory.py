@@ -23,6 +23,11 @@ class Trajectory:
         self.max_gap_s = max_gap_s
         self._samples: deque[tuple[int, Array, Array]] = deque(maxlen=length)
 
+    @property
+    def newest_ns(self) -> int | None:
+        """Return the stamp of the newest pose, ns; ``None`` without one."""
+        return self._samples[-1][0] if self._samples else None
+
     def add(self, stamp_ns: int, position: Array, quaternion_xyzw: Array) -> None:
         """Record a position, m, ``(3,)``, and attitude; of two with one stamp the later counts.
 

@@ -1,5 +1,6 @@
 """From pose to image: the forward model of a scene."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -13,7 +14,7 @@ from uuv_optical_array.core.numerics.elementwise import stack, workspace
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.effects import forms
-from uuv_optical_array.forward.effects.electronics import detection
+from uuv_optical_array.forward.effects.electronics import detection, largest_demodulated
 from uuv_optical_array.forward.effects.forms import Background, Blur, Gain, Shade
 from uuv_optical_array.forward.lamps import GEOMETRY, TURN, lamps_in_numbers, one_of_lamps
 from uuv_optical_array.forward.light import RAY_ROWS
@@ -92,6 +93,9 @@ class ForwardModel:
         self._saturation_counts = min(
             (form.level_counts for form in self._of(forms.Saturation)), default=np.inf
         )
+        # Of lamps with another code: variance of a count, and by how much of one readings saturate
+        # earlier than at the level of this lamp alone.
+        self._beside_slope, self._beside_share, self._level_counts = 0.0, 0.0, np.inf
         variance = float(sum(form.variance for form in noises))
         slope, known = float(sum(form.slope for form in noises)), set[str]()
         for form in self._of(forms.Demodulation):
@@ -100,8 +104,16 @@ class ForwardModel:
             self._forms = tuple(f for f in self._forms if getattr(f, "nuisance", "") != AMBIENT)
             found = detection(form.waveform, scene.lamp_count)
             variance = found.noise_factor * (variance + slope * level)
+            self._beside_slope = found.noise_factor * slope
             slope, known = slope * found.light_factor, {*DAYLIGHT}
             if np.isfinite(self._saturation_counts):
+                self._beside_share = detection(form.waveform, 1).peak_factor / found.peak_factor
+                self._level_counts = largest_demodulated(
+                    self._saturation_counts,
+                    level,
+                    scene.lamp_count,
+                    **scene.effects["demodulation"],
+                )
                 self._saturation_counts = scene.full_scale_counts
         low, high = -np.inf, self._saturation_counts
         rounding = 0.0
@@ -235,6 +247,34 @@ class ForwardModel:
         image, shape = self._propagate(poses, roll, offsets, time_s, False)
         return image[0].reshape(*shape, *self.image_shape)
 
+    def arriving(
+        self,
+        poses: ArrayLike,
+        roll: ArrayLike = 0.0,
+        offsets: Mapping[str, Array] = MappingProxyType({}),
+        time_s: ArrayLike | None = None,
+    ) -> Array:
+        """Light of the lamp as it comes to the array; arguments, result and errors of `light`."""
+        image, shape = self._propagate(poses, roll, offsets, time_s, False, False)
+        return image[0].reshape(*shape, *self.image_shape)
+
+    def on_array(
+        self, arriving: Array, offsets: Mapping[str, Array] = MappingProxyType({})
+    ) -> Array:
+        """Return `arriving` light behind daylight, blur and gains, counts, as `light` does."""
+        shape = arriving.shape[: arriving.ndim - 2]
+        image = arriving.reshape(1, -1, self.image_shape[0] * self.array.side).copy()
+        nuisances = self._in_rows(offsets, shape)
+        # Light too dim for a float64 counts as none.
+        with np.errstate(under="ignore"):
+            detect(self.optics(tuple(offsets)), nuisances, image)
+        return image.reshape(*shape, *self.image_shape)
+
+    def _in_rows(self, offsets: Mapping[str, Array], shape: tuple[int, ...]) -> Array:
+        """Return offsets for poses of a shape as ``(q, m, 1)``."""
+        rows = [np.broadcast_to(offset, shape).reshape(-1) for offset in offsets.values()]
+        return np.array(rows, dtype=float).reshape(len(rows), math.prod(shape), 1)
+
     def linearised(
         self,
         poses: ArrayLike,
@@ -268,6 +308,7 @@ class ForwardModel:
         offsets: Mapping[str, Array],
         time_s: ArrayLike | None,
         differentiate: bool,
+        on_array: bool = True,
     ) -> tuple[Array, tuple[int, ...]]:
         """Return the light with its slopes, shape ``(r, m, n)``, and the shape of the poses."""
         poses = np.asarray(poses, dtype=float)
@@ -281,9 +322,7 @@ class ForwardModel:
         rolls = np.broadcast_to(np.asarray(roll, dtype=float), shape).reshape(-1, 1)
         optics = self.optics(tuple(offsets))
         count, n, size = flat.shape[1], self._lamps.shape[1] * self.array.side**2, len(offsets)
-        nuisances = np.empty((size, count, 1))
-        for row, offset in zip(nuisances, offsets.values(), strict=True):
-            row[:, 0] = np.broadcast_to(offset, shape).reshape(-1)
+        nuisances = self._in_rows(offsets, shape)
         moving = [] if time_s is None else self._moving
         times = np.broadcast_to(0.0 if time_s is None else np.asarray(time_s, float), shape)
         times = times.reshape(-1, 1)
@@ -301,7 +340,8 @@ class ForwardModel:
                 write_light(optics, lamp, slopes, attitude, offset, image[:, part])
                 if moving:
                     image[0, part] *= self._moved(optics, lamp, attitude, offset, times[part])
-                detect(optics, offset, image[:, part])
+                if on_array:
+                    detect(optics, offset, image[:, part])
         return image, shape
 
     def _moved(
@@ -364,10 +404,17 @@ class ForwardModel:
         black = self.noise.black
         return black + np.concatenate([gains] * count, axis=-2) * (light - black)
 
-    def read(self, light: Array, rng: np.random.Generator | None = None) -> Array:
+    def read(
+        self,
+        light: Array,
+        rng: np.random.Generator | None = None,
+        beside: Array | float = 0.0,
+    ) -> Array:
         """Return the readings of light, of any shape: noise, saturation, converter.
 
-        ValueError for a scene with noise and no generator.
+        With `demodulation` the light of lamps with another code, `beside`, counts, which broadcasts
+        to the `light`, stays in its shot noise and in what saturates alone. ValueError for a scene
+        with noise and no generator.
         """
         image = light
         noise = self.analogue_noise
@@ -375,7 +422,10 @@ class ForwardModel:
             if rng is None:
                 raise ValueError("rng: missing; this scene has noise, pass a numpy Generator")
             variance = noise.variance + noise.slope * np.maximum(light - noise.black, 0.0)
+            variance = variance + self._beside_slope * beside
             image = light + np.sqrt(variance) * rng.standard_normal(light.shape)
+        if np.any(beside):
+            image = np.minimum(image, self._level_counts - self._beside_share * beside)
         return self.converted(image)
 
     def converted(self, image: Array) -> Array:

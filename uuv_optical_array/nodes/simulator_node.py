@@ -1,4 +1,4 @@
-"""From the odometry of both vehicles to the image of the detector array."""
+"""From the odometry of both vehicles, and of others, to the image of the detector array."""
 
 from collections import deque
 from collections.abc import Callable
@@ -16,8 +16,9 @@ from std_msgs.msg import Header
 from uuv_optical_array.control.trajectory import TooEarly, Trajectory
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.messages import Refused, as_wired, odometry_pose, stamp_ns
-from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.settings import Place, Quantity
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.others import Other, sight
 from uuv_optical_array.forward.prior import LAMP_POWER, power_offsets
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared import messages
@@ -30,6 +31,12 @@ PARAMETERS = {
         "scene", "frame_prefix", "beacon_position_m", "odometry_axes", "max_gap_s", "publish_tf"
     ),
     "lamp_power": Parameter([1.0], LAMP_POWER, any_length=True),
+    "others": Parameter(
+        "", Quantity("odometry topics of other vehicles, with spaces between; empty: none"), True
+    ),
+    "code_by_vehicle": Parameter(
+        True, Quantity("whether `demodulation` tells their lamps from the leader's"), True
+    ),
     "seed": Parameter(
         -1, Quantity("of the noise; -1: a new one at each start", "", -1, 2**31 - 1), True
     ),
@@ -64,6 +71,10 @@ class SimulatorNode(Node):
         self.rng = np.random.default_rng(None if seed < 0 else seed)
         self.leader = Trajectory(self.parameters["max_gap_s"])
         self.leader_frame, self.axes = "", self.parameters["odometry_axes"]
+        self.others = {
+            topic: Trajectory(self.parameters["max_gap_s"])
+            for topic in self.parameters["others"].split()
+        }
         self.waiting: deque[Odometry] = deque()
         self.order = messages.StampOrder()
         self.diagnostics = Diagnostics(self)
@@ -72,6 +83,8 @@ class SimulatorNode(Node):
         self.placed = ""
         subscribe(self, Odometry, "leader/odometry", self.on_leader)
         subscribe(self, Odometry, "follower/odometry", self.on_follower)
+        for other in self.others:
+            subscribe(self, Odometry, other, partial(self.on_other, other))
 
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over a parameter that was set while the node runs."""
@@ -83,6 +96,21 @@ class SimulatorNode(Node):
             self.leader.add(stamp_ns(message.header), *odometry_pose(message, self.axes))
             self.leader_frame = message.header.frame_id
         self.serve()
+
+    def on_other(self, topic: str, message: Odometry) -> None:
+        """Record another vehicle's pose."""
+        with self.diagnostics.refusing(topic):
+            self.check_frame(topic, message)
+            self.others[topic].add(stamp_ns(message.header), *odometry_pose(message, self.axes))
+        self.serve()
+
+    def check_frame(self, topic: str, message: Odometry) -> None:
+        """Refuse an odometry in another frame than the leader's."""
+        if self.leader_frame and message.header.frame_id != self.leader_frame:
+            raise Refused(
+                f"frames differ: leader/odometry is in {self.leader_frame!r}, "
+                f"{topic} in {message.header.frame_id!r}; both must share one"
+            )
 
     def on_follower(self, message: Odometry) -> None:
         """Queue the follower's pose."""
@@ -116,16 +144,15 @@ class SimulatorNode(Node):
             leader_position, leader_rotation = self.leader.at(stamp)
         except LookupError as reason:
             raise Refused(f"no leader pose at the follower's stamp: {reason}") from None
-        if follower.header.frame_id != self.leader_frame:
-            raise Refused(
-                f"frames differ: leader/odometry is in {self.leader_frame!r}, "
-                f"follower/odometry in {follower.header.frame_id!r}; both must share one"
-            )
-        beacon = leader_position + leader_rotation @ np.array(self.parameters["beacon_position_m"])
+        self.check_frame("follower/odometry", follower)
+        lamp_m = tuple(self.parameters["beacon_position_m"])
+        leader = Other(leader_position, leader_rotation, lamp_m=lamp_m)
+        others = self.others_at(stamp, lamp_m)
         position, quaternion = odometry_pose(follower, self.axes)
         rotation = Rotation.from_quat(quaternion).as_matrix()
-        pose, roll = relative_pose(beacon, leader_rotation, position, rotation)
-        image = self.model.expose(pose, self.rng, roll, self.powers, stamp * 1e-9)
+        pose, _ = relative_pose(leader.beacon, leader_rotation, position, rotation)
+        seen = sight(self.model, (position, rotation), leader, others, self.powers, stamp * 1e-9)
+        image = self.model.read(seen.light, self.rng, seen.beside)
         place, slash, _ = follower.child_frame_id.rpartition("/")
         frame = self.parameters.frame("array_frame") or f"{place}{slash}array"
         header = Header(stamp=follower.header.stamp, frame_id=frame)
@@ -136,6 +163,30 @@ class SimulatorNode(Node):
             self.hand_over(header, pose)
         shown = {"peak_counts": f"{image.max():g}", "range_m": f"{-pose[0]:.2f}"}
         self.diagnostics.answer(stamp, lambda: shown)
+
+    def others_at(self, stamp: int, lamp_m: Place) -> list[Other]:
+        """Return the other vehicles at an instant, ns, and report those of which nothing is known.
+
+        TooEarly where one is late, but not by more than the longest gap.
+        """
+        found, absent = [], []
+        newest, gap_ns = stamp_ns(self.waiting[-1].header), self.parameters["max_gap_s"] * 1e9
+        for code, (topic, trajectory) in enumerate(self.others.items(), start=1):
+            try:
+                position, rotation = trajectory.at(stamp)
+            except TooEarly:
+                last = trajectory.newest_ns
+                if last is not None and newest - last <= gap_ns and len(self.waiting) <= WAITING:
+                    raise
+                absent.append(topic)
+            except LookupError:
+                absent.append(topic)
+            else:
+                told_apart = code if self.parameters["code_by_vehicle"] else 0
+                found.append(Other(position, rotation, code=told_apart, lamp_m=lamp_m))
+        missing = ", ".join(absent)
+        self.diagnostics.warn(f"left out: {missing} has no pose at this instant" if absent else "")
+        return found
 
     def place_array(self, follower: Odometry, frame: str) -> None:
         """Tell once where the array is on the follower: at its bow."""

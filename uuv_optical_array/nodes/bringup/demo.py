@@ -124,14 +124,16 @@ def refuse_other_runs(spaces: Sequence[str]) -> None:
         lookout.destroy_node()
 
 
-def options_of(follower: Follower) -> dict[str, Any]:
+def options_of(follower: Follower, fleet: Sequence[Follower]) -> dict[str, Any]:
     """Return the options of the nodes of one follower of a fleet."""
+    others = " ".join(f"/{topic}" for topic in follower.others(fleet))
     return {
         "namespace": follower.namespace,
         "cli_args": ["--ros-args", "-r", f"leader/odometry:=/{follower.lamp_odometry}"],
         "parameter_overrides": [
             Parameter("vehicles", value="follower"),
             Parameter("station_m", value=list(follower.station_m)),
+            Parameter("others", value=others),
         ],
     }
 
@@ -169,7 +171,7 @@ def follow(
     try:
         refuse_other_runs([follower.namespace for follower in fleet] or [""])
         leader = "/leader/odometry" if fleet else "leader/odometry"
-        options = [options_of(follower) for follower in fleet] or [{}]
+        options = [options_of(follower, fleet) for follower in fleet] or [{}]
         recorders = []
         for follower_options in options:
             recorder, nodes = follower_nodes(leader, follower_options)

@@ -28,6 +28,7 @@ FOLLOW = {
     "one_process": ("false", "feature, estimator and formation node in follower_node"),
     "simulator": ("true", "simulate the images; not where an array takes them"),
     "leader_odometry": ("leader/odometry", "topic, for followers that share a leader"),
+    "others": ("", "odometry topics of other vehicles that the simulator draws"),
     "demo": (
         "true",
         "run both demo vehicles, or `follower`, without a leader, or `leader`, without any node of "

@@ -75,6 +75,7 @@ WARNINGS = {
     "faulty detector": "Clean or repair it; until then name it in `effects.detector_faults`.",
     "not engaged": "Call its service `~/engage` (std_srvs/SetBool) with true.",
     "follower waits": "Start the leader (`demo:=leader`), or let `leader_odometry` name its topic.",
+    "left out": "Start that vehicle, or name in `others` those alone that there are.",
     "leader waits": "It sets off when each `estimator_node` has a pose and its `fit` is compiled.",
 }
 

@@ -1,5 +1,6 @@
 """The whole loop without ROS: vehicles, sea, lamps, arrays, estimators, tracks and laws."""
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
@@ -13,6 +14,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.estimation.pipeline import Answer, Pipeline
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.others import Other, sight
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 
 CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has none
@@ -21,30 +23,18 @@ CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has n
 Motion: TypeAlias = Callable[[float], tuple[Array, Array]]
 
 
-class OtherLamp(NamedTuple):
-    """A lamp that is not the one to follow, and like it but for its power.
-
-    - position: in the frame of the lamp to follow, m, shape ``(3,)``.
-    - rotation: from its own frame to that one, shape ``(3, 3)``.
-    - power: relative to the scene's.
-    """
-
-    position: Array
-    rotation: Array = np.eye(3)
-    power: float = 1.0
-
-
 class Light(NamedTuple):
     """By what images are made at an instant, whatever the estimator believes.
 
     - model: of the true scene.
     - offsets: of its nuisances, as `ForwardModel.light` has them.
-    - others: lamps beside those of the vehicles.
+    - others: vehicles with lamps beside leader and followers, in the frame of the lamp to follow
+      instead of the world's.
     """
 
     model: ForwardModel
     offsets: Mapping[str, Array] = MappingProxyType({})
-    others: Sequence[OtherLamp] = ()
+    others: Sequence[Other] = ()
 
 
 class Swimmer:
@@ -178,22 +168,28 @@ class ClosedLoop:
         return Instant(self.t_s, pose, image, answer, state, lamp, swimmer.command)
 
     def _image(self, swimmer: Swimmer, pose: Array, roll: float) -> Array:
-        """Return what a follower's array reads of all lamps."""
+        """Return what a follower's array reads of all lamps, behind all bodies."""
         model, offsets, others = swimmer.light(self.t_s)
-        light = model.light(pose, roll, offsets, self.t_s)
-        own, lamp = swimmer.vehicle, self._ahead(swimmer)
-        lamps = [
-            (lamp.position + lamp.rotation @ place, lamp.rotation @ rotation, power)
-            for place, rotation, power in others
+        own, ahead = swimmer.vehicle, self._ahead(swimmer)
+        vehicles = [self.leader, *(follower.vehicle for follower in self.followers)]
+        known = [
+            Other(vehicle.position, vehicle.rotation)
+            for vehicle in vehicles
+            if vehicle is not own and vehicle is not ahead
         ]
-        for vehicle in [self.leader, *(follower.vehicle for follower in self.followers)]:
-            if vehicle is not own and vehicle is not lamp:
-                lamps.append((vehicle.position, vehicle.rotation, 1.0))
-        for position, rotation, power in lamps:
-            if power > 0:
-                seen = relative_pose(position, rotation, own.position, own.rotation)
-                light = light + power * model.light(*seen, {}, self.t_s)
-        return model.read(light, self._rng)
+        known += [
+            dataclasses.replace(
+                other,
+                position=ahead.position + ahead.rotation @ other.position,
+                rotation=ahead.rotation @ other.rotation,
+            )
+            for other in others
+        ]
+        if not known:
+            return model.read(model.light(pose, roll, offsets, self.t_s), self._rng)
+        leader, follower = Other(ahead.position, ahead.rotation), (own.position, own.rotation)
+        seen = sight(model, follower, leader, known, offsets, self.t_s)
+        return model.read(seen.light, self._rng, seen.beside)
 
     def _ahead(self, swimmer: Swimmer) -> Vehicle:
         """Return the vehicle whose lamp a follower follows."""

@@ -31,6 +31,7 @@ FLEET: dict[str, Any] = {"scene": "formation", "group": "formations"}
 ASIDE = Beside(((0, 0),), ((0, 1.5),))
 FAR_ASIDE = Beside(((0, 0),), ((0, 3.0),))
 AHEAD = Beside(((0, 3.0),), ((0, 0),), (SINCE_S, np.inf))
+INSTEAD = Beside(((0, 0),), ((0, 1.5),), (20.0, np.inf))
 CROSSING = Beside(((0, -1.0),), ((SINCE_S, -6.0), (39, 6.0)), (SINCE_S, 39.0))
 
 
@@ -254,6 +255,8 @@ KINDS: tuple[Kind, ...] = (
          others=(FAR_ASIDE,)),
     Kind("other_out", "other lamps", "Ours goes out for good, 1.5 m beside an equal one.",
          20 + AFTER_S, 20.0, 20.0, others=(ASIDE,), dark_s=(20.0, np.inf)),
+    Kind("other_instead", "other lamps", "As ours goes out, an equal one lights up 1.5 m beside.",
+         20 + AFTER_S, 20.0, 20.0, others=(INSTEAD,), dark_s=(20.0, np.inf)),
     Kind("other_out_10", "other lamps", "Ours goes out for 10 s, 1.5 m beside an equal one.",
          30 + HOME_S, 20.0, 30.0, others=(ASIDE,), dark_s=(20.0, 30.0)),
     Kind("other_crossing", "other lamps", "An equal lamp crosses 1 m behind ours at 0.5 m/s.",

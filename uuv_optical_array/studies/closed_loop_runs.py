@@ -14,7 +14,6 @@ from uuv_optical_array.control.closed_loop import (
     Instant,
     Light,
     Motion,
-    OtherLamp,
     Swimmer,
     clouded,
 )
@@ -28,6 +27,7 @@ from uuv_optical_array.core.settings import Place
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.others import Other
 from uuv_optical_array.forward.prior import SCATTERING, power_offsets
 
 # Values by time: (s, value), ..., linear between, the first before them and the last after.
@@ -36,7 +36,6 @@ Points: TypeAlias = tuple[tuple[float, float], ...]
 Model = Literal["kinematic", "bluerov2"]
 VEHICLES: dict[Model, type[Vehicle]] = {"kinematic": Vehicle, "bluerov2": BlueRov2}
 STEP_S = 0.1  # 10 images a second
-SEARCH_AFTER_S = 2.0  # without a pose from the start an operator asks for a search
 # Of a leader that moves as its course says.
 OBEDIENT = VehicleLimits((5.0, 5.0, 5.0, 2.0, 2.0), (50.0, 50.0, 50.0, 20.0, 20.0))
 ALONE = (Follower(1, FormationSettings.station_m),)
@@ -69,16 +68,17 @@ class Course:
 
 @dataclass(frozen=True)
 class Beside:
-    """Another lamp, which points as ours does: its place in our lamp's frame, m, by time."""
+    """Another vehicle with an equal lamp, parallel to ours: where it is in our lamp's frame, m."""
 
     x: Points
     y: Points
     lit_s: tuple[float, float] = (0.0, np.inf)
 
-    def lamp(self, t_s: float) -> OtherLamp:
-        """Return the lamp at a time, s."""
-        lit = self.lit_s[0] <= t_s < self.lit_s[1]
-        return OtherLamp(np.array([at(self.x, t_s), at(self.y, t_s), 0.0]), power=float(lit))
+    def vehicle(self, t_s: float) -> list[Other]:
+        """Return its vehicle at a time, s; none while it is off."""
+        if not self.lit_s[0] <= t_s < self.lit_s[1]:
+            return []
+        return [Other(np.array([at(self.x, t_s), at(self.y, t_s), 0.0]), np.eye(3))]
 
 
 @dataclass(frozen=True)
@@ -166,10 +166,6 @@ def run_kind(
     loop = loop_of(kind, seed, vehicle, estimator, rng, follow)
     steps = [loop.step(STEP_S)]
     for _ in range(round(kind.duration_s / STEP_S) - 1):
-        if round(loop.t_s / STEP_S) == round(SEARCH_AFTER_S / STEP_S):
-            for swimmer in loop.followers:
-                if swimmer.following.state.name == "waiting":
-                    swimmer.following.search(loop.t_s)
         steps.append(loop.step(STEP_S))
     ways = zip(*steps, strict=True)
     return [_recorded(kind, one, list(way)) for one, way in zip(kind.fleet, ways, strict=True)]
@@ -244,7 +240,7 @@ def _light(kind: Kind, number: int, clear: ForwardModel, cloudy: ForwardModel, t
     if kind.scattering:
         offsets[SCATTERING] = np.log(at(kind.scattering, t_s))
     model = cloudy if kind.since_s <= t_s < kind.until_s else clear
-    return Light(model, offsets, [other.lamp(t_s) for other in kind.others])
+    return Light(model, offsets, [one for other in kind.others for one in other.vehicle(t_s)])
 
 
 def _recorded(kind: Kind, one: Follower, way: Sequence[Instant]) -> Run:

@@ -3,9 +3,10 @@
 Run the closed loop of vehicles, sea, lamp, array, estimator, track and law in one kind of trouble
 after the other: lamps and water that change, clouds, darkness, leaders that turn, stop or dash,
 currents, starts off the station, other lamps, formations. A run is kept where the follower was
-never farther than 1 m off its station since the trouble began, and lost where in the end it is
-farther than half the station's distance to the lamp, or searches, though the lamp shines; all else
-strayed. A frame is false where its track is off by more than six of its own standard deviations.
+never farther than 1 m off its station since the trouble began. It is lost where in the end, though
+the lamp shines, the follower searches or is farther off than half the station's distance to the
+lamp, or where false poses steer it. All else strayed. A frame is false where its track is off by
+more than six of its own standard deviations.
 
   uuv_array study envelope                                      every kind, ten seeds each
   uuv_array study envelope --kinds darkness,turn_20 --seeds 3   a group and a kind
@@ -39,6 +40,7 @@ KEPT_M = 1.0  # a follower that was never farther off has kept its leader
 BACK_M = 0.5  # within which it is back
 LOST_SHARE = 0.5  # of the station's distance to the lamp, beyond which it is lost
 END_S = 1.0  # at the end of a run over which the distance is averaged
+LAST_S = 10.0  # at its end in which false poses that steer most of the time are another lamp
 OUTCOMES = {"kept": "#2c9c5a", "strayed": "#e0a800", "lost": "#c8401e"}
 COLUMNS = {
     "kind": "kind",
@@ -57,10 +59,11 @@ COLUMNS = {
 
 def outcome(run: Run, since_s: float) -> str:
     """Say what became of a follower: a key of `OUTCOMES`."""
-    if run.dark[-1]:  # no lamp to be near: lost is who follows another's
-        last = run.t_s > run.t_s[-1] - 10 * END_S
-        followed = (run.steered & false_frames(run))[last].any()
-        return "lost" if followed else "kept"
+    last = run.t_s > run.t_s[-1] - LAST_S
+    if (run.steered & false_frames(run))[last].mean() > 0.5:
+        return "lost"  # it follows another lamp, or nothing
+    if run.dark[-1]:
+        return "kept"  # there is nothing to follow, and it follows nothing
     if end_m(run) > LOST_SHARE * run.station_m or run.states[-1] in ("searching", "lost"):
         return "lost"
     return "kept" if farthest_m(run, since_s) <= KEPT_M else "strayed"

@@ -88,7 +88,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # processes, the idle one compiles the fit meanwhile; else every worker would wait for one of them.
 FITTING = re.compile(
     "test_(acceptance|accuracy|advise|approach|benchmarks|closed_loop|code_blocks|commands|"
-    "demo|drives|estimate|estimator_node|every_effect|example_scripts|examples|"
+    "demo|drives|envelope|estimate|estimator_node|every_effect|example_scripts|examples|"
     "faults|fit|fit_compiler|follower_node|fuzz|hard_cases|lattice|linearised|misfit|mixture|"
     "near_frames|node_parameters|outputs|paper|plausibility|posterior|programs|record|"
     "replay|robustness|security|several_lamps|track_of_images|tracking_constants|"

@@ -20,6 +20,7 @@ BACK_S = 30.0  # after so long what comes back is as before
 HOME_S = 60.0  # to find back, once there is light
 START_S = 100.0  # to find the leader from the start
 RAMP_M_PER_S2 = 0.3  # of a leader that changes its speed
+RAMP_S = 0.5  # in which it begins to turn, sway or sink, and ends
 SPEED = LEADER_SPEED_M_PER_S
 QUARTER_DEG = 90.0
 DARK_S = (1, 2, 5, 10, 20, 30, 60)
@@ -45,10 +46,9 @@ def speeds(*then: tuple[float, float]) -> Points:
 
 
 def pulse(since_s: float, until_s: float, value: float) -> Points:
-    """Return a value between two times, reached and left within half a second, and 0 else."""
-    ramp_s = 0.5
-    inside = (since_s + ramp_s, value), (until_s, value)
-    return ((since_s, 0.0), *inside, (until_s + ramp_s, 0.0))
+    """Return a value between two times, reached and left within `RAMP_S`, and 0 else."""
+    inside = (since_s + RAMP_S, value), (until_s, value)
+    return ((since_s, 0.0), *inside, (until_s + RAMP_S, 0.0))
 
 
 def turning(rate_deg_per_s: float, angle_deg: float = QUARTER_DEG) -> tuple[Course, float]:
@@ -142,9 +142,9 @@ def _chains() -> list[Kind]:
 def dim_aside(kind: Kind, rng: np.random.Generator) -> Kind:
     """Draw how far, and to which side, the leader goes in the dark."""
     off_m, way = rng.uniform(3.0, 4.0), rng.uniform(0, 2 * np.pi)
-    speed = off_m / (kind.until_s - SINCE_S)
-    side = pulse(SINCE_S, kind.until_s - 0.5, speed * np.cos(way))
-    up = pulse(SINCE_S, kind.until_s - 0.5, speed * np.sin(way))
+    speed = off_m / (kind.until_s - SINCE_S - RAMP_S)
+    side = pulse(SINCE_S, kind.until_s - RAMP_S, speed * np.cos(way))
+    up = pulse(SINCE_S, kind.until_s - RAMP_S, speed * np.sin(way))
     surge = speeds((SINCE_S, 0.0), (kind.until_s, SPEED))
     return dataclasses.replace(kind, motion=Course(surge, side, up))
 
@@ -162,7 +162,7 @@ def _starts() -> list[Kind]:
     places: dict[str, tuple[str, dict[str, Any]]] = {
         "aside_1.5": ("1.5 m aside of its station", {"start_m": (0.0, 1.5, 0.0)}),
         "aside_3": ("3 m aside of its station", {"start_m": (0.0, 3.0, 0.0)}),
-        "turned_100": ("turned by 100 deg", {"turned_deg": 100.0}),
+        "turned_100": ("turned by 100 deg", {"start_m": (0.0, 0.0, 0.0), "turned_deg": 100.0}),
         "near_1.5": ("1.5 m behind the lamp", {"start_m": (0.0, 0.0, 0.0), "behind_m": 1.5}),
         "far_12": ("12 m behind the lamp", {"start_m": (0.0, 0.0, 0.0), "behind_m": 12.0}),
     }

@@ -254,7 +254,7 @@ def _recorded(kind: Kind, one: Follower, way: Sequence[Instant]) -> Run:
             stds[i] = np.sqrt(track.covariance.diagonal())
     states = [instant.state.name for instant in way]
     return Run(
-        np.array([instant.t_s for instant in way]),
+        np.round([instant.t_s for instant in way], 6),
         np.array([np.linalg.norm(instant.true_pose[:3] - station) for instant in way]),
         errors,
         stds,

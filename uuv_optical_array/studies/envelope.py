@@ -103,7 +103,7 @@ def figures(kind: Kind, runs: Sequence[Sequence[Run]]) -> dict[str, Any]:
     ]
     until_s = kind.until_s if np.isfinite(kind.until_s) else kind.since_s
     backs = [[s for run in one if (s := back_s(run, until_s)) is not None] for one in runs]
-    came = [max(times) for times in backs if len(times) == len(kind.fleet)]
+    came = [max(times) for times, one in zip(backs, runs, strict=True) if len(times) == len(one)]
     counted = [run.t_s >= kind.since_s for run in every]
     false = [false_frames(run) & part for run, part in zip(every, counted, strict=True)]
     seen = {state for run in every for state in run.states}

@@ -1,8 +1,8 @@
 """Write ``docs/reference/`` and the schema of scenes: ``python docs/generate_reference.py``.
 
 They come from the declarations, as do the drawings of ``drawings.py``. Parameters, topics,
-diagnostics, commands, scene keys, effects, mismatches and public names each get a page. A new node,
-command, key or effect appears by itself.
+diagnostics, commands, scene keys, effects, mismatches, troubles and public names each get a page. A
+new node, command, key or effect appears by itself.
 """
 
 import argparse
@@ -36,7 +36,8 @@ from uuv_optical_array.forward.scene import GROUPS
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
 from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, FOLLOWER, FORMATION
 from uuv_optical_array.nodes.shared import reasons
-from uuv_optical_array.studies.mismatches import KINDS, Kind
+from uuv_optical_array.studies.closed_loop_kinds import KINDS as TROUBLES
+from uuv_optical_array.studies.mismatches import KINDS
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs/reference"
@@ -534,22 +535,42 @@ def mismatches() -> list[str]:
         "are standard deviations of the prior `known: calibrated`.",
     ]
     for cure in dict.fromkeys(kind.cure for kind in KINDS):
-        alike: dict[str, list[Kind]] = {}
-        for kind in KINDS:
-            if kind.cure == cure:
-                alike.setdefault(SIZE.sub("", kind.what), []).append(kind)
-        lines = []
-        for kinds in alike.values():
-            names = [
-                f"`{kind.name}`"
-                + ("" if kind.times_prior is None else f" [{kind.times_prior:.2g}]")
-                for kind in kinds
-            ]
-            words = zip(*(SIZE.split(kind.what) for kind in kinds), strict=True)
-            what = "".join(one_of(list(dict.fromkeys(word))) for word in words)
-            lines.append(f"- {', '.join(names)}: {what}")
-        parts += ["\n".join(lines), f"*{cure}*"]
+        named = {
+            f"`{kind.name}`"
+            + ("" if kind.times_prior is None else f" [{kind.times_prior:.2g}]"): kind.what
+            for kind in KINDS
+            if kind.cure == cure
+        }
+        parts += [folded(named), f"*{cure}*"]
     return parts
+
+
+def troubles() -> list[str]:
+    """Return the page of the kinds of trouble, by group."""
+    parts = [
+        "# Kinds of trouble",
+        "What befalls a follower in `uuv_array study envelope` "
+        "([results](../results/envelope.md)). Where nothing else is said, the leader goes on the "
+        "demonstration's path at 0.5 m/s, the trouble begins after 15 s, and the estimator is not "
+        "told. The leader sets off once all followers are locked.",
+    ]
+    for group in dict.fromkeys(kind.group for kind in TROUBLES):
+        named = {f"`{kind.name}`": kind.what for kind in TROUBLES if kind.group == group}
+        parts += [f"## {group.capitalize()}", folded(named)]
+    return parts
+
+
+def folded(named: Mapping[str, str]) -> str:
+    """Return a list of names and what they mean, where what differs by sizes alone is one."""
+    alike: dict[str, list[str]] = {}
+    for name, what in named.items():
+        alike.setdefault(SIZE.sub("", what), []).append(name)
+    lines = []
+    for names in alike.values():
+        words = zip(*(SIZE.split(named[name]) for name in names), strict=True)
+        what = "".join(one_of(list(dict.fromkeys(word))) for word in words)
+        lines.append(f"- {', '.join(names)}: {what}")
+    return "\n".join(lines)
 
 
 def one_of(words: Sequence[str]) -> str:
@@ -580,7 +601,17 @@ def api() -> list[str]:
 
 PAGES = {
     page.__name__: page
-    for page in (parameters, topics, diagnostics, commands, scene, effects, mismatches, api)
+    for page in (
+        parameters,
+        topics,
+        diagnostics,
+        commands,
+        scene,
+        effects,
+        mismatches,
+        troubles,
+        api,
+    )
 }
 
 

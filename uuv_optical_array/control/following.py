@@ -44,12 +44,12 @@ StateName = Literal["waiting", "locked", "coasting", "searching", "lost", "disen
 STATES: tuple[StateName, ...] = get_args(StateName)
 LostAction = Literal["hold", "surface", "disengage"]
 
-PLAN_S = 1.0  # between two looks for a better place
-SETTLED_SHARE = 0.5  # of its range, below which three standard deviations of it have to be
+# A place is chosen anew so long after the last choice, where it is not reached, and where it is.
+MOST_S, ARRIVED_S, ARRIVED_M = 25.0, 1.0, 1.0
 # How far a leader may be from where its last motion leads: m/s, m/s^2.
 STRAY_M_PER_S, STRAY_M_PER_S2 = 0.15, 0.1
 IMAGES_S = 2.0  # without any image until a search would be blind
-PASSING = 1.3  # distance at which a lamp that may have stopped is passed, in minimum distances
+PASSING_M = 0.5  # beyond the minimum distance, at which a lamp that may have stopped is passed
 SURFACE_M_PER_S = 0.2
 MEASURED_S = 1.0  # age beyond which a measured velocity is not used
 
@@ -176,15 +176,10 @@ class Following:
             dark.glimpse(pose, covariance)
             self._settling.clear()
             raise
-        track = self._law.seen(stamp_s)
-        assert track is not None
         dark.glimpse(pose, covariance)
         if self._settling and stamp_s - self._settling[-1] > self._settings.light_timeout_s:
             self._settling.clear()
-        if track.margin_m > SETTLED_SHARE * float(np.linalg.norm(pose[:3])):
-            self._settling.clear()
-        else:
-            self._settling.append(stamp_s)
+        self._settling.append(stamp_s)
         agreed = len(self._settling) >= 3
         if agreed and self._settling[-1] - self._settling[0] >= self._search.settle_s:
             self._to("locked", stamp_s, f"light came back {dark.found(pose)}")
@@ -294,7 +289,6 @@ class _Dark:
         self._settings, self._search = settings, search
         self._station = np.array([*settings.station_m, 0.0, 0.0])
         self._now_s, self._planned_s, self._goal = now_s, -math.inf, 0
-        self._side = 1.0  # on which a lamp is passed: port
         self.age_s, self._margin_m = 0.0, 0.0
         self._stopped = track is not None  # whether a leader may be where the lamp was seen
         if track is None:
@@ -361,7 +355,8 @@ class _Dark:
 
     def search(self, now_s: float) -> tuple[Array, Array, Array, list[KeepOff]]:
         """Return the same, towards the place from which the leader is seen most likely."""
-        if now_s - self._planned_s >= PLAN_S:
+        off_m = self._belief.station_off(self._goal, self.own, self._station)
+        if now_s >= self._planned_s + (ARRIVED_S if off_m < ARRIVED_M else MOST_S):
             self._planned_s = now_s
             speed = self._settings.max_surge_m_per_s
             self._goal = self._belief.goal(self.own, self._station, speed)
@@ -397,22 +392,27 @@ class _Dark:
         return wrapped(goal - self.own), speed, rotation_matrix(*self.own[3:]).T, []
 
     def _around(self, goal: Array) -> tuple[Array, bool]:
-        """Return a goal beside the lamp that may have stopped, where that is in the way."""
-        least_m = PASSING * self._settings.min_distance_m
-        if not (self._stopped and least_m):
+        """Return a goal that leads past the lamp that may have stopped, where that is in the way."""
+        if not (self._stopped and self._settings.min_distance_m):
             return goal, False
-        to_goal, to_lamp = goal - self.own[:3], -self.own[:3]
+        least_m = self._settings.min_distance_m + self._margin_m + PASSING_M
+        to_goal = goal - self.own[:3]
         length = float(np.linalg.norm(to_goal))
-        if length < 1e-6:
+        if length < PASSING_M:
             return goal, False
         way = to_goal / length
-        ahead_m = float(way @ to_lamp)
-        beside = -(to_lamp - ahead_m * way)  # from the lamp to the nearest place of the way
-        off_m = float(np.linalg.norm(beside))
-        if not 0 < ahead_m < length + least_m or off_m >= least_m:
+        ahead_m = -float(way @ self.own[:3])
+        beside = self.own[:3] + ahead_m * way  # from the lamp to the nearest place of the way
+        if not 0 < ahead_m < length or float(np.linalg.norm(beside)) >= least_m:
             return goal, False
-        side = beside / off_m if off_m > 0.2 else np.array([-way[1], way[0], 0.0]) * self._side
-        return least_m * side / max(float(np.linalg.norm(side)), 1e-6), True
+        # To the side on which the way leads past, level; to port where it leads through.
+        port = np.array([-way[1], way[0], 0.0]) / max(math.hypot(way[0], way[1]), 1e-6)
+        side = port * math.copysign(1.0, float(beside @ port) + 0.1)
+        to_side = least_m * side - self.own[:3]
+        off_m = float(np.linalg.norm(to_side))
+        if off_m < PASSING_M:
+            return goal, False
+        return self.own[:3] + length / off_m * to_side, True
 
     def _last_seen(self) -> list[KeepOff]:
         return [self._lamp(np.zeros(3), np.zeros(3))] if self._stopped else []

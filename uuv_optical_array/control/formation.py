@@ -46,6 +46,7 @@ from uuv_optical_array.estimation.tracking.track import Outlier
 
 STATION = Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
 RANGE_STDS = 3.0  # how far a range may err, in standard deviations
+MOST_UNCERTAIN = 0.5  # of a range, that it may err and still steer
 REACH_M_PER_S = 2.0  # by which a leader's relative motion may differ from one pose to the next
 MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 
@@ -64,16 +65,16 @@ class FormationSettings:
     attitude_gain_per_s: Annotated[
         float, Quantity("turn rate per attitude error", "1/s", 0.01, 2)
     ] = 0.4
-    smoothing_s: Annotated[float, Quantity("time constant of the command", "s", 0.01, 10)] = 0.7
+    smoothing_s: Annotated[float, Quantity("time constant of the command", "s", 0.01, 10)] = 0.5
     max_surge_m_per_s: Annotated[float, Quantity("fastest surge", "m/s", 0.01, 5)] = 1.4
     max_sway_m_per_s: Annotated[float, Quantity("fastest sway and heave", "m/s", 0.01, 5)] = 1.0
     max_turn_deg_per_s: Annotated[float, Quantity("fastest turn", "deg/s", 0.1, 90)] = 30.0
     max_acceleration_m_per_s2: Annotated[
         float, Quantity("of the commanded speed", "m/s^2", 0.01, 5)
-    ] = 0.5
+    ] = 1.0
     max_acceleration_deg_per_s2: Annotated[
         float, Quantity("of the commanded turn", "deg/s^2", 0.1, 90)
-    ] = 15.0
+    ] = 30.0
     light_timeout_s: Annotated[
         float, Quantity("without a pose until the light is lost", "s", 0.1, 60)
     ] = 1.0
@@ -171,7 +172,7 @@ class FormationController:
 
     def _refuse(self, new: LeaderTrack, range_m: float) -> None:
         """Raise NoPose where the range may err by itself, or the pose before leads not to this."""
-        if new.margin_m >= range_m:
+        if new.margin_m >= MOST_UNCERTAIN * range_m:
             raise NoPose(
                 f"too uncertain: the range of {range_m:.3g} m has a standard deviation of "
                 f"{new.margin_m / RANGE_STDS:.3g} m"

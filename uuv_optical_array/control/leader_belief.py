@@ -29,13 +29,16 @@ TURNS = (np.array([-6.0, -3.0, -1.5, 0.0, 1.5, 3.0, 6.0]), 2.5)
 CLIMBS = (np.array([-1.5, 0.0, 1.5]), 1.0)
 MOST_PITCH = 0.3  # rad; beyond it no leader climbs on
 TURN_S = 5.0  # in which a turn rate goes over to another
-STOPPED = 0.2  # probability that a leader without light has stopped
-DARK_S = 15.0  # time constant of the probability that the lamp still gives no light
+TURNING_S = 10.0  # after which a leader goes straight on
+PERSIST = (1.0, 0.3)  # shares of the last turn rate from which it does
+STOPPED = 0.1  # probability that a leader without light has stopped
+DARK_S = 30.0  # time constant of the probability that the lamp still gives no light
 LOOK_S = 2.0  # of looking at a lit lamp without seeing it, which makes it unlikely by e
-AGAIN_S = 30.0  # after which what was seen dark counts again
+AGAIN_S = 60.0  # after which what was seen dark counts again
 LEAST = 0.02  # weight, of its prior, that looking in vain leaves
 ARRAY_DEG = 70.0  # off the bow, to where detectors see
 NEAREST_M = 0.5
+GLIMPSED_RAD = 0.3  # standard deviation of its angles below which a glimpse is a hypothesis
 ARRIVAL_S = 20.0  # a place that is reached so much later is worth less by e
 # Starts: where the lamp may be beside the place where a follower on station would see it.
 ASIDE_M, AHEAD_M, ABOVE_M = (-6.0, -3.0, 0.0, 3.0, 6.0), (-3.0, 0.0, 4.0, 8.0), (-1.5, 0.0, 1.5)
@@ -47,7 +50,7 @@ START_STD = np.array([5.0, 3.5, 1.5, math.radians(60.0)])  # ahead, aside, above
 class SightSettings:
     """From where a lamp is seen."""
 
-    sight_m: Annotated[float, Quantity("range at which the lamp is seen", "m", 1, 200)] = 12.0
+    sight_m: Annotated[float, Quantity("range at which the lamp is seen", "m", 1, 200)] = 15.0
     sight_deg: Annotated[
         float, Quantity("off the lamp's axis, to where it is seen", "deg", 1, 90)
     ] = 20.0
@@ -64,18 +67,23 @@ class LeaderBelief:
     def __init__(self, settings: SightSettings, speed: Array, turn: Array) -> None:
         """Begin as the light goes: speed of the leader in its axes, m/s; pitch, yaw rate, rad/s."""
         (turns, turn_std), (climbs, climb_std) = TURNS, CLIMBS
-        climb, yaw, moves = (
-            each.ravel() for each in np.meshgrid(climbs, turns, [1.0, 0.0], indexing="ij")
-        )
+        grids = np.meshgrid(climbs, turns, PERSIST, [1.0, 0.0], indexing="ij")
+        climb, yaw, persist, moves = (grid.ravel() for grid in grids)
         prior = np.exp(-((yaw / turn_std) ** 2 + (climb / climb_std) ** 2) / 2)
         going = moves > 0
         prior[going] *= (1 - STOPPED) / prior[going].sum()
         prior[~going] *= STOPPED / prior[~going].sum()
+        # The last one is that of a glimpse; until there is one it goes on as the leader did.
+        prior, moves, persist = (
+            np.append(each, end)
+            for each, end in ((prior, LEAST * prior.min()), (moves, 1.0), (persist, 0.0))
+        )
+        going, climb, yaw = np.append(going, True), np.append(climb, 0.0), np.append(yaw, 0.0)
         self._settings, self._prior, self.weights = settings, prior, prior.copy()
         self._turns = np.radians(np.stack([climb, yaw], axis=1))
         self.places, self.headings = np.zeros((len(prior), 3)), np.zeros((len(prior), 2))
         self._speeds = moves[:, None] * speed
-        self._rates = np.tile(turn, (len(prior), 1)) * moves[:, None]
+        self._rates = np.outer(persist * moves, turn)
         self._turns[~going] = 0.0
         self.age_s = 0.0
 
@@ -95,7 +103,7 @@ class LeaderBelief:
 
     @property
     def newest(self) -> int:
-        """Which hypothesis goes on as the leader did last, or is the last glimpse."""
+        """Which hypothesis goes on as the leader did last."""
         return int(self._prior.argmax())
 
     def likeliest(self) -> tuple[Array, Array]:
@@ -118,7 +126,8 @@ class LeaderBelief:
         """Let time pass, s, without looking."""
         self.age_s += step_s
         kept = math.exp(-step_s / TURN_S)
-        self._rates = kept * self._rates + (1 - kept) * self._turns
+        turns = self._turns if self.age_s < TURNING_S else 0.0
+        self._rates = kept * self._rates + (1 - kept) * turns
         self.places, self.headings = self._after(step_s)
 
     def _after(self, time_s: float | Array) -> tuple[Array, Array]:
@@ -152,9 +161,9 @@ class LeaderBelief:
         spread = 4 * covariance + np.diag([0.25, 0.25, 0.25, 0.01, 0.01])
         distance = np.einsum("ni,ij,nj->n", off, np.linalg.inv(spread), off)
         self.weights = self._prior * np.maximum(np.exp(-distance / 2), LEAST)
-        newest = self.newest
-        self.places[newest], self.headings[newest] = place, heading
-        self.weights[newest] = self._prior.sum()
+        if covariance[3, 3] + covariance[4, 4] < GLIMPSED_RAD**2:
+            self.places[-1], self.headings[-1] = place, heading
+            self.weights[-1] = self._prior.sum()
 
     @staticmethod
     def seen_at(own: Array, pose: Array) -> tuple[Array, Array]:
@@ -174,6 +183,11 @@ class LeaderBelief:
             seen = self._seen_from(at, places, headings)[0]
             worth[i] = (self.weights * seen).sum() * math.exp(-arrival_s[k] / ARRIVAL_S)
         return int(likely[worth.argmax()])
+
+    def station_off(self, k: int, own: Array, station: Array) -> float:
+        """Return how far the station behind a hypothesis is from the follower, m."""
+        at = self.places[k] + rotation_matrix(*self.headings[k]) @ station[:3]
+        return float(np.linalg.norm(at - own[:3]))
 
     @staticmethod
     def _stations(places: Array, headings: Array, station: Array) -> Array:

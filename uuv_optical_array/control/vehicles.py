@@ -21,7 +21,7 @@ class VehicleLimits:
     """Limits of surge, sway, heave, pitch rate and yaw rate, of their change, and of the pitch."""
 
     speed: tuple[float, ...] = (1.5, 1.0, 0.8, 0.6, 0.6)
-    acceleration: tuple[float, ...] = (0.5, 0.5, 0.5, 0.3, 0.3)
+    acceleration: tuple[float, ...] = (1.0, 1.0, 1.0, 0.6, 0.6)
     pitch: float = 0.8  # rad: here the righting moment wins
 
 

@@ -152,7 +152,7 @@ class ClosedLoop:
             answer = Answer(stamp_ns, None, None, "no roll: the IMU is silent")
         else:
             answer = swimmer.pipeline.answer(stamp_ns, image, told)
-        swimmer.following.looked(self.t_s)
+        swimmer.following.looked(self.t_s, brightest(image, swimmer.pipeline.least_counts))
         track = answer.track
         if track is not None:
             try:
@@ -194,6 +194,15 @@ class ClosedLoop:
     def _ahead(self, swimmer: Swimmer) -> Vehicle:
         """Return the vehicle whose lamp a follower follows."""
         return self.followers[swimmer.ahead - 1].vehicle if swimmer.ahead else self.leader
+
+
+def brightest(image: Array, least_counts: float) -> tuple[float, float] | None:
+    """Return where an image, ``(side, side)``, is brightest, as `Following.looked` takes it."""
+    if image.max() < least_counts:
+        return None
+    row, column = np.unravel_index(int(image.argmax()), image.shape)
+    half = max((image.shape[1] - 1) / 2, 0.5)
+    return 1 - float(column) / half, 1 - float(row % image.shape[1]) / half
 
 
 def clouded(scene: Scene, depth: float, seed: int | None = None) -> ForwardModel:

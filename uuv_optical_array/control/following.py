@@ -46,10 +46,12 @@ LostAction = Literal["hold", "surface", "disengage"]
 
 # A place is chosen anew so long after the last choice, where it is not reached, and where it is.
 MOST_S, ARRIVED_S, ARRIVED_M = 25.0, 1.0, 1.0
-# How far a leader may be from where its last motion leads: m/s, m/s^2.
-STRAY_M_PER_S, STRAY_M_PER_S2 = 0.15, 0.1
+STRAY_M_PER_S = 0.15  # by which a leader may leave the way that its last motion leads, coasting
 IMAGES_S = 2.0  # without any image until a search would be blind
 PASSING_M = 0.5  # beyond the minimum distance, at which a lamp that may have stopped is passed
+# By how much it turns to light at the array's edge, rad; so long after the last pose of it, s.
+TURN_RAD, PITCH_RAD, TURNING_S = 0.8, 0.2, 1.0
+OTHER_M = 1.0  # from where the leader is expected, where a lamp may be another one
 SURFACE_M_PER_S = 0.2
 MEASURED_S = 1.0  # age beyond which a measured velocity is not used
 
@@ -78,7 +80,7 @@ class SearchSettings(SightSettings):
     ] = 150.0
     settle_s: Annotated[
         float, Quantity("for which poses agree before light that came back steers", "s", 0, 10)
-    ] = 0.8
+    ] = 1.0
     when_lost: Annotated[
         LostAction, Quantity("what follows a search in vain: hold the place, rise, or disengage")
     ] = "hold"
@@ -113,6 +115,7 @@ class Following:
         self._trusted = True  # whether poses steer without having to settle
         self._settling: list[float] = []  # stamps of the poses that agree
         self._image_s = -math.inf
+        self._brightest: tuple[float, float] | None = None
         self._began_s = math.nan  # when the first image came
         self._twist: Array = np.zeros(5)  # commanded last
         self._measured: tuple[float, Array] | None = None
@@ -131,12 +134,14 @@ class Following:
         if not wanted:
             self.state = State("disengaged", now_s, "the follower is left to others")
 
-    def looked(self, stamp_s: float) -> None:
+    def looked(self, stamp_s: float, brightest: tuple[float, float] | None = None) -> None:
         """Note that an image was taken, s, whether it shows light or not.
 
-        A search goes on only while images come, as it would be blind without.
+        A search goes on only while images come, as it would be blind without. Where the light has
+        no pose, it turns to its brightest place: to port and up of the array's middle, as shares
+        of its half width, from -1 to 1; ``None``: there is no light.
         """
-        self._image_s = stamp_s
+        self._image_s, self._brightest = stamp_s, brightest
         if math.isnan(self._began_s):
             self._began_s = stamp_s
 
@@ -162,10 +167,11 @@ class Following:
         Arguments and errors are those of `FormationController.update`; without light also Outlier
         for a lamp where the leader cannot be yet.
         """
-        self.looked(stamp_s)
         dark = self._dark
         if dark is None:
             self._law.update(stamp_s, pose, covariance, rate)
+            if self.state.name == "waiting" and self._settled(stamp_s):
+                self._to("locked", stamp_s, "the leader's light steers")
             return
         pose, covariance = np.array(pose, dtype=float), np.array(covariance, dtype=float)
         if self.state.name == "coasting":
@@ -173,17 +179,21 @@ class Following:
         try:
             self._law.update(stamp_s, pose, covariance, rate)
         except NoPose:
-            dark.glimpse(pose, covariance)
             self._settling.clear()
+            dark.glimpse(pose, covariance)
             raise
         dark.glimpse(pose, covariance)
-        if self._settling and stamp_s - self._settling[-1] > self._settings.light_timeout_s:
-            self._settling.clear()
-        self._settling.append(stamp_s)
-        agreed = len(self._settling) >= 3
-        if agreed and self._settling[-1] - self._settling[0] >= self._search.settle_s:
+        if self._settled(stamp_s):
             self._to("locked", stamp_s, f"light came back {dark.found(pose)}")
             self._dark = None
+
+    def _settled(self, stamp_s: float) -> bool:
+        """Say whether poses up to this one have agreed for long enough."""
+        timeout_s = self._settings.light_timeout_s
+        if self._settling and not 0 <= stamp_s - self._settling[-1] <= timeout_s:
+            self._settling.clear()
+        self._settling.append(stamp_s)
+        return stamp_s - self._settling[0] >= self._search.settle_s
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:
         """Return the twist to command at the present, s; ``None`` where there is nothing to do.
@@ -193,43 +203,40 @@ class Following:
         if self.state.name == "disengaged":
             return None
         if self._dark is None:
-            if self._law.seen(now_s) is not None:
-                if self.state.name != "locked":
-                    self._to("locked", now_s, "the leader's light steers")
-                return self._sent(self._law.command(now_s))
             if self.state.name == "waiting":
-                return self._waiting(now_s)
+                self._begin_search(now_s)
+                return None
+            if self._law.seen(now_s) is not None:
+                return self._sent(self._law.command(now_s))
             self._go_dark(now_s, self._law.last)
             self._to("coasting", now_s, "the light is gone; the leader is taken to go on")
         dark = self._dark
         assert dark is not None
         dark.advance(now_s, self._own_twist(now_s))
-        self._next_state(now_s, dark)
-        if self.state.name == "disengaged":
+        if not self._goes_on(now_s, dark):
             return np.zeros(3), np.zeros(3)
         return self._sent(self._driven(now_s, dark))
 
-    def _waiting(self, now_s: float) -> tuple[Array, Array] | None:
+    def _begin_search(self, now_s: float) -> None:
+        """Search from the start, where images come that show no light."""
         start_s = self._search.search_start_s
-        command = self._law.command(now_s)
-        if command is not None or start_s == 0 or not self._images_come(now_s):
-            return command
+        if start_s == 0 or not self._images_come(now_s) or self._law.seen(now_s) is not None:
+            return
         if now_s - self._began_s > start_s:
             self._go_dark(now_s, None)
             self._to("searching", now_s, "no light since the start")
-        return None
 
     def _images_come(self, now_s: float) -> bool:
         return abs(now_s - self._image_s) <= IMAGES_S
 
-    def _next_state(self, now_s: float, dark: "_Dark") -> None:
-        """Go on from coasting to searching, and to the end of the search."""
+    def _goes_on(self, now_s: float, dark: "_Dark") -> bool:
+        """Go on from coasting to searching, to its end; say whether the follower still steers."""
         name, s = self.state.name, self._search
         if name == "coasting" and dark.age_s > s.coast_s:
             name = "searching"
             self._to(name, now_s, "the leader may have turned; the likely places are looked at")
         if name != "searching":
-            return
+            return True
         why = ""
         if dark.age_s > s.search_time_s:
             why = f"no light for {s.search_time_s:g} s"
@@ -240,12 +247,14 @@ class Following:
             dark.held = dark.own.copy()
             if s.when_lost == "disengage":
                 self._to("disengaged", now_s, f"{why}; the follower is left to others")
+                return False
+        return True
 
     def _driven(self, now_s: float, dark: "_Dark") -> tuple[Array, Array]:
         if self.state.name == "coasting":
             error, speed, to_body, lamps = dark.coast()
         elif self.state.name == "searching":
-            error, speed, to_body, lamps = dark.search(now_s)
+            error, speed, to_body, lamps = dark.search(now_s, self._brightest)
         else:
             rise = SURFACE_M_PER_S if self._search.when_lost == "surface" else 0.0
             error, speed, to_body, lamps = dark.hold(rise)
@@ -289,22 +298,25 @@ class _Dark:
         self._settings, self._search = settings, search
         self._station = np.array([*settings.station_m, 0.0, 0.0])
         self._now_s, self._planned_s, self._goal = now_s, -math.inf, 0
+        self._glimpsed_s = -math.inf
         self.age_s, self._margin_m = 0.0, 0.0
         self._stopped = track is not None  # whether a leader may be where the lamp was seen
+        self._track = track
         if track is None:
             self.own = self._station.copy()
             self._belief = LeaderBelief.at_start(search)
-            self._coasted = self._belief
         else:
             stamp_s = track.stamp_ns * 1e-9
             way = law.moved_since(track.stamp_ns, now_s)
             self.own = wrapped(track.pose + in_beacon(track.pose, way))
             turn = -track.leader_rate[3:]
             speed = -track.leader_rate[:3] - _turning(turn, track.pose[:3])
-            self._belief = LeaderBelief(search, speed, turn)
+            self._belief = LeaderBelief.of_motion(search, speed, turn)
             self._margin_m = track.margin_m
             self._belief.pass_time(now_s - stamp_s)
             self.age_s = now_s - stamp_s
+            # A turn that ends, or goes on, leads as far aside as the station sweeps.
+            self._sweep_m_per_s = float(np.linalg.norm(_turning(turn, track.pose[:3])))
         self._start, self.held = self.own.copy(), self.own.copy()
 
     def advance(self, now_s: float, twist: Array) -> None:
@@ -316,27 +328,32 @@ class _Dark:
         self._belief.advance(step_s, self.own)
 
     def check(self, pose: Array, covariance: Array) -> None:
-        """Raise Outlier for a lamp that is farther off than the leader's can be by now."""
+        """Raise Outlier for a lamp that is farther off than the leader's is likely to be by now."""
         place, _ = self._belief.seen_at(self.own, pose)
-        off_m = float(np.linalg.norm(place - self._belief.likeliest()[0]))
-        std_m = 3 * math.sqrt(float(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
-        age_s = self.age_s
-        most_m = self._margin_m + std_m + age_s * (STRAY_M_PER_S + STRAY_M_PER_S2 * age_s)
-        if off_m > most_m:
+        off = place - self._belief.likeliest()[0]
+        assert self._track is not None
+        most_m = self._track.may_differ(covariance, off) + self.age_s * (
+            STRAY_M_PER_S + self._sweep_m_per_s
+        )
+        if np.linalg.norm(off) > most_m:
             raise Outlier(
-                f"outlier: a lamp {off_m:.3g} m from where the leader is expected, more than "
-                f"{most_m:.2g} m: another lamp"
+                f"outlier: a lamp {np.linalg.norm(off):.3g} m from where the leader is expected, "
+                f"more than {most_m:.2g} m; another lamp, or the leader left its way"
             )
 
     def glimpse(self, pose: Array, covariance: Array) -> None:
         """Let a pose that is not trusted yet guide the search."""
         self._belief.glimpse(self.own, pose, covariance)
         self._planned_s = -math.inf
+        self._glimpsed_s = self._now_s
 
     def found(self, pose: Array) -> str:
-        """Say after how long a pose came, and how far off the follower's station."""
-        off_m = float(np.linalg.norm(pose[:3] - self._station[:3]))
-        return f"after {self.age_s:.1f} s, {off_m:.1f} m off the station"
+        """Say after how long a pose came, and how far its lamp is from where it was expected."""
+        place, _ = self._belief.seen_at(self.own, pose)
+        off_m = float(np.linalg.norm(place - self._belief.likeliest()[0]))
+        where = f", {off_m:.1f} m from where the leader was expected" if self._stopped else ""
+        doubt = "; it may be another lamp" if self._stopped and off_m > OTHER_M else ""
+        return f"after {self.age_s:.1f} s{where}{doubt}"
 
     def coast(self) -> tuple[Array, Array, Array, list[KeepOff]]:
         """Return what `FormationController.drive` takes, towards where the station would be."""
@@ -353,8 +370,18 @@ class _Dark:
         lamps = [self._lamp(place, at @ speed), *self._last_seen()]
         return wrapped(self._station - rel), moving, to_body, lamps
 
-    def search(self, now_s: float) -> tuple[Array, Array, Array, list[KeepOff]]:
-        """Return the same, towards the place from which the leader is seen most likely."""
+    def search(
+        self, now_s: float, brightest: tuple[float, float] | None
+    ) -> tuple[Array, Array, Array, list[KeepOff]]:
+        """Return the same, towards the place from which the leader is seen most likely.
+
+        Towards light without a pose, whose `brightest` place is as of `Following.looked`, it turns.
+        """
+        if brightest is not None and now_s - self._glimpsed_s > TURNING_S:
+            to_port, up = brightest
+            error = np.array([0.0, 0.0, 0.0, -PITCH_RAD * up, TURN_RAD * to_port])
+            lamps = self._last_seen()
+            return error, np.zeros(5), rotation_matrix(*self.own[3:]).T, lamps
         off_m = self._belief.station_off(self._goal, self.own, self._station)
         if now_s >= self._planned_s + (ARRIVED_S if off_m < ARRIVED_M else MOST_S):
             self._planned_s = now_s
@@ -366,10 +393,11 @@ class _Dark:
         goal = place + at @ self._station[:3]
         moving = at @ (speed + _turning(turn, self._station[:3]))
         goal, passing = self._around(goal)
-        way = goal[:3] - self._start[:3]
+        way = goal - self._start[:3]
         length = float(np.linalg.norm(way))
         if length > s.search_distance_m:
-            goal, moving = self._start[:3] + s.search_distance_m / length * way, np.zeros(3)
+            goal = self._start[:3] + s.search_distance_m / length * way
+            moving = np.zeros(3)
         low, high = self._start[2] - s.search_depth_m, self._start[2] + s.search_depth_m
         goal[2] = min(max(goal[2], low), high)
         pitch, yaw = bow_to(place - self.own[:3])
@@ -392,7 +420,7 @@ class _Dark:
         return wrapped(goal - self.own), speed, rotation_matrix(*self.own[3:]).T, []
 
     def _around(self, goal: Array) -> tuple[Array, bool]:
-        """Return a goal that leads past the lamp that may have stopped, where that is in the way."""
+        """Return a goal that leads past the lamp that may have stopped, where it is in the way."""
         if not (self._stopped and self._settings.min_distance_m):
             return goal, False
         least_m = self._settings.min_distance_m + self._margin_m + PASSING_M

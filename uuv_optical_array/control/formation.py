@@ -47,7 +47,7 @@ from uuv_optical_array.estimation.tracking.track import Outlier
 STATION = Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
 RANGE_STDS = 3.0  # how far a range may err, in standard deviations
 MOST_UNCERTAIN = 0.5  # of a range, that it may err and still steer
-REACH_M_PER_S = 2.0  # by which a leader's relative motion may differ from one pose to the next
+REACH_M_PER_S, REACH_M_PER_S2 = 0.3, 2.5  # by which a leader's motion may differ from its last
 MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 
 
@@ -92,12 +92,19 @@ class FormationSettings:
 
 
 class LeaderTrack(NamedTuple):
-    """A checked pose, by what its range may err, m, and the leader's motion in its rate."""
+    """A checked pose, its covariance, by what its range may err, m, and the leader's motion."""
 
     stamp_ns: int
     pose: Array
+    covariance: Array
     margin_m: float
     leader_rate: Array
+
+    def may_differ(self, covariance: Array, way: Array) -> float:
+        """Return by how much another place of a covariance may differ along a way, ``(3,)``, m."""
+        length = max(float(np.linalg.norm(way)), 1e-9)
+        both = self.covariance[:3, :3] + covariance[:3, :3]
+        return RANGE_STDS * math.sqrt(way @ both @ way) / length
 
 
 class KeepOff(NamedTuple):
@@ -162,9 +169,10 @@ class FormationController:
             newest_s = before.stamp_ns * 1e-9
             raise ValueError(f"pose: stamp {stamp_s:.3f} s is not after {newest_s:.3f} s")
         range_m, away = _polar(pose[:3])
-        margin_m = RANGE_STDS * math.sqrt(away @ np.asarray(covariance)[:3, :3] @ away)
+        covariance = np.array(covariance, dtype=float)
+        margin_m = RANGE_STDS * math.sqrt(away @ covariance[:3, :3] @ away)
         leader_rate = rate - in_beacon(pose, self._own.twist(stamp_ns))
-        new = self._newest = LeaderTrack(stamp_ns, pose, margin_m, leader_rate)
+        new = self._newest = LeaderTrack(stamp_ns, pose, covariance, margin_m, leader_rate)
         if range_m > self._settings.min_distance_m:
             self._refuse(new, range_m)
         self._track, self._lit = new, True
@@ -180,9 +188,11 @@ class FormationController:
         old = self._track
         if old is None or not 0 < new.stamp_ns - old.stamp_ns <= self._timeout_ns:
             return
-        off_m = float(np.linalg.norm(new.pose[:3] - self._predicted(old, new.stamp_ns)[:3]))
+        off = new.pose[:3] - self._predicted(old, new.stamp_ns)[:3]
         elapsed_s = (new.stamp_ns - old.stamp_ns) * 1e-9
-        beyond_m = off_m - (new.margin_m + old.margin_m + REACH_M_PER_S * elapsed_s)
+        reach_m = elapsed_s * (REACH_M_PER_S + REACH_M_PER_S2 * elapsed_s / 2)
+        reach_m += old.may_differ(new.covariance, off)
+        beyond_m = float(np.linalg.norm(off)) - reach_m
         if beyond_m > 0:
             raise Outlier(f"outlier: {beyond_m:.3g} m beyond the reach of the pose before")
 

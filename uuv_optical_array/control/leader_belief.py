@@ -31,7 +31,10 @@ MOST_PITCH = 0.3  # rad; beyond it no leader climbs on
 TURN_S = 5.0  # in which a turn rate goes over to another
 TURNING_S = 10.0  # after which a leader goes straight on
 PERSIST = (1.0, 0.3)  # shares of the last turn rate from which it does
-STOPPED = 0.1  # probability that a leader without light has stopped
+# Probability that a leader without light has changed its speed, each to one of these, m/s: it
+# stopped, or stopped and went aside, up, down or back.
+STOPPED = 0.15
+DRIFTS = np.array([[0, 0, 0], [0, 0.3, 0], [0, -0.3, 0], [0, 0, 0.25], [0, 0, -0.25], [-0.5, 0, 0]])
 DARK_S = 30.0  # time constant of the probability that the lamp still gives no light
 LOOK_S = 2.0  # of looking at a lit lamp without seeing it, which makes it unlikely by e
 AGAIN_S = 60.0  # after which what was seen dark counts again
@@ -64,42 +67,64 @@ class LeaderBelief:
     - age_s: time since the light went, s.
     """
 
-    def __init__(self, settings: SightSettings, speed: Array, turn: Array) -> None:
-        """Begin as the light goes: speed of the leader in its axes, m/s; pitch, yaw rate, rad/s."""
-        (turns, turn_std), (climbs, climb_std) = TURNS, CLIMBS
-        grids = np.meshgrid(climbs, turns, PERSIST, [1.0, 0.0], indexing="ij")
-        climb, yaw, persist, moves = (grid.ravel() for grid in grids)
-        prior = np.exp(-((yaw / turn_std) ** 2 + (climb / climb_std) ** 2) / 2)
-        going = moves > 0
-        prior[going] *= (1 - STOPPED) / prior[going].sum()
-        prior[~going] *= STOPPED / prior[~going].sum()
-        # The last one is that of a glimpse; until there is one it goes on as the leader did.
-        prior, moves, persist = (
-            np.append(each, end)
-            for each, end in ((prior, LEAST * prior.min()), (moves, 1.0), (persist, 0.0))
-        )
-        going, climb, yaw = np.append(going, True), np.append(climb, 0.0), np.append(yaw, 0.0)
-        self._settings, self._prior, self.weights = settings, prior, prior.copy()
-        self._turns = np.radians(np.stack([climb, yaw], axis=1))
-        self.places, self.headings = np.zeros((len(prior), 3)), np.zeros((len(prior), 2))
-        self._speeds = moves[:, None] * speed
-        self._rates = np.outer(persist * moves, turn)
-        self._turns[~going] = 0.0
+    def __init__(
+        self,
+        settings: SightSettings,
+        prior: Array,
+        starts: Array,
+        speeds: Array,
+        rates: Array,
+        turns: Array,
+    ) -> None:
+        """Begin with hypotheses.
+
+        - prior: ``(n,)``; starts: places, m, pitch and yaw, rad, ``(n, 5)``.
+        - speeds: in a leader's axes, m/s, ``(n, 3)``.
+        - rates, turns: of pitch and yaw, rad/s, now and later, ``(n, 2)``.
+        """
+        self._settings = settings
+        # One more for a glimpse; until there is one, it is the likeliest once more.
+        best = int(prior.argmax())
+
+        def with_glimpse(rows: Array) -> Array:
+            return np.concatenate([rows, rows[best : best + 1]])
+
+        self._prior = np.append(prior, LEAST * prior.min())
+        self.weights = self._prior.copy()
+        starts = with_glimpse(starts)
+        self.places, self.headings = starts[:, :3].copy(), starts[:, 3:].copy()
+        self._speeds, self._rates = with_glimpse(speeds), with_glimpse(rates)
+        self._turns = with_glimpse(turns)
         self.age_s = 0.0
+
+    @classmethod
+    def of_motion(cls, settings: SightSettings, speed: Array, turn: Array) -> "LeaderBelief":
+        """Return what is known as the light goes.
+
+        - speed: of the leader in its axes, m/s, ``(3,)``.
+        - turn: its pitch and yaw rate, rad/s, ``(2,)``.
+        """
+        (turns, turn_std), (climbs, climb_std) = TURNS, CLIMBS
+        grids = np.meshgrid(climbs, turns, PERSIST, indexing="ij")
+        climb, yaw, persist = (grid.ravel() for grid in grids)
+        going = np.exp(-((yaw / turn_std) ** 2 + (climb / climb_std) ** 2) / 2)
+        halted = np.full(len(DRIFTS), STOPPED / len(DRIFTS))
+        prior = np.concatenate([(1 - STOPPED) / going.sum() * going, halted])
+        still = np.zeros((len(DRIFTS), 2))
+        later = np.vstack([np.radians(np.stack([climb, yaw], axis=1)), still])
+        rates = np.vstack([np.outer(persist, turn), still])
+        speeds = np.vstack([np.tile(speed, (len(climb), 1)), DRIFTS])
+        return cls(settings, prior, np.zeros((len(prior), 5)), speeds, rates, later)
 
     @classmethod
     def at_start(cls, settings: SightSettings) -> "LeaderBelief":
         """Return what is known before any light: the follower may be near its station, or not."""
-        self = cls(settings, np.zeros(3), np.zeros(2))
         grids = np.meshgrid(AHEAD_M, ASIDE_M, ABOVE_M, np.radians(TURNED_DEG), indexing="ij")
-        spread = np.stack([grid.ravel() for grid in grids], axis=1)
-        self._prior = np.exp(-((spread / START_STD) ** 2).sum(axis=1) / 2)
-        self.weights = self._prior.copy()
-        self.places = spread[:, :3].copy()
-        self.headings = np.stack([np.zeros(len(spread)), spread[:, 3]], axis=1)
-        self._speeds, self._turns = np.zeros((len(spread), 3)), np.zeros((len(spread), 2))
-        self._rates = self._turns.copy()
-        return self
+        off = np.stack([grid.ravel() for grid in grids], axis=1)
+        prior = np.exp(-((off / START_STD) ** 2).sum(axis=1) / 2)
+        starts = np.insert(off, 3, 0.0, axis=1)
+        none = np.zeros((len(prior), 2))
+        return cls(settings, prior / prior.sum(), starts, np.zeros((len(prior), 3)), none, none)
 
     @property
     def newest(self) -> int:

@@ -53,6 +53,8 @@ class Pipeline:
         The one in use; another one of the same scene may take its place between two images.
     tracker : Tracker or None
         Takes every frame that has a pose.
+    least_counts : float
+        Peak below which an image shows no light.
     """
 
     def __init__(
@@ -62,7 +64,7 @@ class Pipeline:
         min_peak_counts: float = FeatureSettings.min_peak_counts,
     ) -> None:
         expect(estimator, Estimator, "estimator", "Estimator(scene)")
-        self._min_peak_counts = min_peak_counts + estimator.scene.black_counts
+        self.least_counts = min_peak_counts + estimator.scene.black_counts
         self._frozen = FrozenFrames(ForwardModel(estimator.scene))
         self.estimator = estimator
         self.track_with(tracking)
@@ -83,7 +85,7 @@ class Pipeline:
     def check(self, image: Array) -> None:
         """Raise NoPose for an image, ``(side, side)``, without a lamp or the same as before."""
         self.estimator.check_shape(image)
-        if reason := no_pattern(image, self._min_peak_counts):
+        if reason := no_pattern(image, self.least_counts):
             raise NoPose(reason)
         self._frozen.check(image, lambda: np.asarray(image))
 

@@ -250,7 +250,8 @@ class Tracker:
         """Return what is known of a frame before its image: the prior of its fit.
 
         Constants and light have drifted until its stamp, ns, since the newest frame of the track.
-        While a mismatch is said, nothing that was learnt counts. Offsets are in the order of the constants' names; their covariance is positive definite.
+        While a mismatch is said, nothing that was learnt counts. Offsets are in the order of the
+        constants' names; their covariance is positive definite.
         """
         state = self._history[-1][1] if self._history else self._previous
         usual, lasts_s = self._constants.uneven, self._constants.unclear_lasts_s

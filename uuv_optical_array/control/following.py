@@ -46,7 +46,6 @@ LostAction = Literal["hold", "surface", "disengage"]
 
 # A place is chosen anew so long after the last choice, where it is not reached, and where it is.
 MOST_S, ARRIVED_S, ARRIVED_M = 25.0, 1.0, 1.0
-STRAY_M_PER_S = 0.15  # by which a leader may leave the way that its last motion leads, coasting
 IMAGES_S = 2.0  # without any image until a search would be blind
 PASSING_M = 0.5  # beyond the minimum distance, at which a lamp that may have stopped is passed
 # By how much it turns to light at the array's edge, rad; so long after the last pose of it, s.
@@ -315,8 +314,6 @@ class _Dark:
             self._margin_m = track.margin_m
             self._belief.pass_time(now_s - stamp_s)
             self.age_s = now_s - stamp_s
-            # A turn that ends, or goes on, leads as far aside as the station sweeps.
-            self._sweep_m_per_s = float(np.linalg.norm(_turning(turn, track.pose[:3])))
         self._start, self.held = self.own.copy(), self.own.copy()
 
     def advance(self, now_s: float, twist: Array) -> None:
@@ -332,9 +329,7 @@ class _Dark:
         place, _ = self._belief.seen_at(self.own, pose)
         off = place - self._belief.likeliest()[0]
         assert self._track is not None
-        most_m = self._track.may_differ(covariance, off) + self.age_s * (
-            STRAY_M_PER_S + self._sweep_m_per_s
-        )
+        most_m = self._track.reach_m(covariance, off, self.age_s)
         if np.linalg.norm(off) > most_m:
             raise Outlier(
                 f"outlier: a lamp {np.linalg.norm(off):.3g} m from where the leader is expected, "
@@ -385,8 +380,8 @@ class _Dark:
         off_m = self._belief.station_off(self._goal, self.own, self._station)
         if now_s >= self._planned_s + (ARRIVED_S if off_m < ARRIVED_M else MOST_S):
             self._planned_s = now_s
-            speed = self._settings.max_surge_m_per_s
-            self._goal = self._belief.goal(self.own, self._station, speed)
+            fastest = self._settings.max_surge_m_per_s
+            self._goal = self._belief.goal(self.own, self._station, fastest)
         k, s = self._goal, self._search
         place, at = self._belief.places[k], rotation_matrix(*self._belief.headings[k])
         speed, turn = self._belief.motion(k)

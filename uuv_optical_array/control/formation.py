@@ -47,7 +47,7 @@ from uuv_optical_array.estimation.tracking.track import Outlier
 STATION = Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
 RANGE_STDS = 3.0  # how far a range may err, in standard deviations
 MOST_UNCERTAIN = 0.5  # of a range, that it may err and still steer
-REACH_M_PER_S, REACH_M_PER_S2 = 0.3, 2.5  # by which a leader's motion may differ from its last
+STRAY_M_PER_S = 0.2  # by which a leader may leave the way that its last motion leads
 MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 
 
@@ -100,11 +100,17 @@ class LeaderTrack(NamedTuple):
     margin_m: float
     leader_rate: Array
 
-    def may_differ(self, covariance: Array, way: Array) -> float:
-        """Return by how much another place of a covariance may differ along a way, ``(3,)``, m."""
-        length = max(float(np.linalg.norm(way)), 1e-9)
+    def reach_m(self, covariance: Array, off: Array, elapsed_s: float) -> float:
+        """Return how far a lamp may be off the way that this leads, m, by both poses' errors.
+
+        - covariance: of the other pose; off: its place less the expected one, m, ``(3,)``.
+        - elapsed_s: in which a turn may have ended, and the leader left its way, s.
+        """
+        length = max(float(np.linalg.norm(off)), 1e-9)
         both = self.covariance[:3, :3] + covariance[:3, :3]
-        return RANGE_STDS * math.sqrt(way @ both @ way) / length
+        swept = float(np.linalg.norm(self.leader_rate[3:])) * float(np.linalg.norm(self.pose[:3]))
+        errs_m = RANGE_STDS * math.sqrt(off @ both @ off) / length
+        return errs_m + elapsed_s * (STRAY_M_PER_S + swept)
 
 
 class KeepOff(NamedTuple):
@@ -190,9 +196,7 @@ class FormationController:
             return
         off = new.pose[:3] - self._predicted(old, new.stamp_ns)[:3]
         elapsed_s = (new.stamp_ns - old.stamp_ns) * 1e-9
-        reach_m = elapsed_s * (REACH_M_PER_S + REACH_M_PER_S2 * elapsed_s / 2)
-        reach_m += old.may_differ(new.covariance, off)
-        beyond_m = float(np.linalg.norm(off)) - reach_m
+        beyond_m = float(np.linalg.norm(off)) - old.reach_m(new.covariance, off, elapsed_s)
         if beyond_m > 0:
             raise Outlier(f"outlier: {beyond_m:.3g} m beyond the reach of the pose before")
 

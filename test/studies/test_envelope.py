@@ -13,9 +13,10 @@ from uuv_optical_array.control.vehicles import Vehicle, leader_twist
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies import envelope
-from uuv_optical_array.studies.closed_loop_kinds import KINDS, dim_aside, kinds_named, turning
-from uuv_optical_array.studies.closed_loop_runs import ALONE, OBEDIENT, Run, at, loop_of, run_kind
+from uuv_optical_array.studies import closed_loop_figures, envelope
+from uuv_optical_array.studies.closed_loop_kinds import KINDS, dim_aside, kinds_named
+from uuv_optical_array.studies.closed_loop_runs import ALONE, OBEDIENT, Run, loop_of, run_kind
+from uuv_optical_array.studies.leader_courses import at, turning
 from uuv_optical_array.studies.shared.results import until_interrupted
 
 run = functools.partial(command_line.run, "study", "envelope")
@@ -53,7 +54,7 @@ def planted(off_m, state="locked", dark=False, error_m=0.0, steers=True):
     ],
 )
 def test_what_became_of_a_run(run, became):
-    assert envelope.outcome(run, 2.0) == became
+    assert closed_loop_figures.outcome(run, 2.0) == became
 
 
 def test_figures_are_those_of_the_worst_follower_and_run():
@@ -63,7 +64,7 @@ def test_figures_are_those_of_the_worst_follower_and_run():
     stray.steered[3] = False
     stray.errors[4] = np.nan
     stray.states[1] = "coasting"
-    row = envelope.figures(PLAIN, [[near, near], [near, far], [stray, near]])
+    row = closed_loop_figures.figures(PLAIN, [[near, near], [near, far], [stray, near]])
     expected = {"kept": 2, "strayed": 1, "lost": 0, "runs": 3, "off_m": 5.0, "end_m": 2.0}
     expected |= {"off_median_m": 0.4, "states": ["locked", "coasting"]}
     # Two came back: at once, and 1 s after the 4 s; five frames each of six followers, less one.
@@ -72,7 +73,7 @@ def test_figures_are_those_of_the_worst_follower_and_run():
 
 
 def test_no_run_came_back_where_all_are_off_in_the_end():
-    row = envelope.figures(PLAIN, [[planted([0, 0, 0, 0.6])]])
+    row = closed_loop_figures.figures(PLAIN, [[planted([0, 0, 0, 0.6])]])
     assert (row["back"], row["back_s"]) == (0, None)
 
 
@@ -98,7 +99,7 @@ def test_the_kinds_have_names_of_their_own_and_time_for_what_happens():
 
 @pytest.mark.parametrize("rate", [6, 30])
 def test_a_leader_turns_through_a_right_angle_and_goes_straight_on(rate):
-    course, until_s = turning(rate)
+    course, until_s = turning(15.0, rate)
     leader = Vehicle(np.zeros(3))
     leader.limits = OBEDIENT
     fastest = 0.0

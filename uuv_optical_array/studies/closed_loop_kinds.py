@@ -11,18 +11,22 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.control.fleet import vee
-from uuv_optical_array.control.vehicles import LEADER_SPEED_M_PER_S
-from uuv_optical_array.studies.closed_loop_runs import Beside, Course, Kind, Points
+from uuv_optical_array.studies.closed_loop_runs import Beside, Kind
+from uuv_optical_array.studies.leader_courses import (
+    RAMP_M_PER_S2,
+    RAMP_S,
+    SPEED,
+    Course,
+    pulse,
+    speeds,
+    turning,
+)
 
 SINCE_S = 15.0
 AFTER_S = 45.0  # that a run lasts, from when all is as it will stay
 BACK_S = 30.0  # after so long what comes back is as before
 HOME_S = 60.0  # to find back, once there is light
 START_S = 100.0  # to find the leader from the start
-RAMP_M_PER_S2 = 0.3  # of a leader that changes its speed
-RAMP_S = 0.5  # in which it begins to turn, sway or sink, and ends
-SPEED = LEADER_SPEED_M_PER_S
-QUARTER_DEG = 90.0
 DARK_S = (1, 2, 5, 10, 20, 30, 60)
 TURNS_DEG_PER_S = (6, 10, 15, 20, 30)
 CHAIN_DEG_PER_S = (3, 4, 8)
@@ -34,27 +38,6 @@ FAR_ASIDE = Beside(((0, 0),), ((0, 3.0),))
 AHEAD = Beside(((0, 3.0),), ((0, 0),), (SINCE_S, np.inf))
 INSTEAD = Beside(((0, 0),), ((0, 1.5),), (20.0, np.inf))
 CROSSING = Beside(((0, -1.0),), ((SINCE_S, -6.0), (39, 6.0)), (SINCE_S, 39.0))
-
-
-def speeds(*then: tuple[float, float]) -> Points:
-    """Return a surge from rest to the demonstration's speed, and to others from times on, s."""
-    points, last = [(0.0, 0.0)], 0.0
-    for since_s, speed in ((0.0, SPEED), *then):
-        points += [(since_s, last), (since_s + abs(speed - last) / RAMP_M_PER_S2, speed)]
-        last = speed
-    return tuple(points)
-
-
-def pulse(since_s: float, until_s: float, value: float) -> Points:
-    """Return a value between two times, reached and left within `RAMP_S`, and 0 else."""
-    inside = (since_s + RAMP_S, value), (until_s, value)
-    return ((since_s, 0.0), *inside, (until_s + RAMP_S, 0.0))
-
-
-def turning(rate_deg_per_s: float, angle_deg: float = QUARTER_DEG) -> tuple[Course, float]:
-    """Return a straight way with one turn, and when this ends, s."""
-    until_s = SINCE_S + angle_deg / rate_deg_per_s
-    return Course(speeds(), yaw=pulse(SINCE_S, until_s, np.radians(rate_deg_per_s))), until_s
 
 
 def _changes(name: str, field: str, value: float, usual: float, what: str) -> list[Kind]:
@@ -111,7 +94,7 @@ def _turns() -> list[Kind]:
     """Return leaders that turn by a right angle."""
     kinds = []
     for rate in TURNS_DEG_PER_S:
-        motion, until_s = turning(rate)
+        motion, until_s = turning(SINCE_S, rate)
         what = f"The leader turns through 90 deg at {rate} deg/s."
         kinds.append(
             Kind(f"turn_{rate}", "leader", what, until_s + AFTER_S, until_s=until_s, motion=motion)
@@ -123,7 +106,7 @@ def _chains() -> list[Kind]:
     """Return turns of a leader ahead of a chain."""
     kinds = []
     for rate in CHAIN_DEG_PER_S:
-        motion, until_s = turning(rate)
+        motion, until_s = turning(SINCE_S, rate)
         what = f"Three followers, the third behind the first; a turn of 90 deg at {rate} deg/s."
         kinds.append(
             Kind(

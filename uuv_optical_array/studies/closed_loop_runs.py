@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,7 @@ from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.others import Other
 from uuv_optical_array.forward.prior import SCATTERING, power_offsets
-
-# Values by time: (s, value), ..., linear between, the first before them and the last after.
-Points: TypeAlias = tuple[tuple[float, float], ...]
+from uuv_optical_array.studies.leader_courses import Points, at
 
 Model = Literal["kinematic", "bluerov2"]
 VEHICLES: dict[Model, type[Vehicle]] = {"kinematic": Vehicle, "bluerov2": BlueRov2}
@@ -39,31 +37,6 @@ STEP_S = 0.1  # 10 images a second
 # Of a leader that moves as its course says.
 OBEDIENT = VehicleLimits((5.0, 5.0, 5.0, 2.0, 2.0), (50.0, 50.0, 50.0, 20.0, 20.0))
 ALONE = (Follower(1, FormationSettings.station_m),)
-
-
-def at(points: Points, t_s: float) -> float:
-    """Return the value of points at a time, s."""
-    times_s, values = zip(*points, strict=True)
-    return float(np.interp(t_s, times_s, values))
-
-
-@dataclass(frozen=True)
-class Course:
-    """A leader's motion by its time on the path: speeds, m/s, and turn rates, rad/s.
-
-    It is a `Motion`.
-    """
-
-    surge: Points
-    sway: Points = ((0.0, 0.0),)
-    heave: Points = ((0.0, 0.0),)
-    pitch: Points = ((0.0, 0.0),)
-    yaw: Points = ((0.0, 0.0),)
-
-    def __call__(self, t_s: float) -> tuple[Array, Array]:
-        """Return the twist at a time, s."""
-        linear = [at(points, t_s) for points in (self.surge, self.sway, self.heave)]
-        return np.array(linear), np.array([0.0, at(self.pitch, t_s), at(self.yaw, t_s)])
 
 
 @dataclass(frozen=True)

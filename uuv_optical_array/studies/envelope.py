@@ -19,29 +19,22 @@ import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-import numpy as np
-
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.control.fleet import Follower
-from uuv_optical_array.control.following import STATES, Following
+from uuv_optical_array.control.following import Following
 from uuv_optical_array.control.formation import STATION, FormationSettings
 from uuv_optical_array.core.processes import spread
 from uuv_optical_array.core.settings import Place, Quantity, Setting
-from uuv_optical_array.core.storage.formats import columns, plain
+from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots.style import mark, new_figure, plain_log_ticks, save
+from uuv_optical_array.studies.closed_loop_figures import KEPT_M, figures
 from uuv_optical_array.studies.closed_loop_kinds import kinds_named
 from uuv_optical_array.studies.closed_loop_runs import ALONE, Kind, Model, Run, run_kind
-from uuv_optical_array.studies.shared.errors import SIGMAS
 from uuv_optical_array.studies.shared.results import until_interrupted
 
-KEPT_M = 1.0  # a follower that was never farther off has kept its leader
-BACK_M = 0.5  # within which it is back
-LOST_SHARE = 0.5  # of the station's distance to the lamp, beyond which it is lost
-END_S = 1.0  # at the end of a run over which the distance is averaged
-LAST_S = 10.0  # at its end in which false poses that steer most of the time are another lamp
-OUTCOMES = {"kept": "#2c9c5a", "strayed": "#e0a800", "lost": "#c8401e"}
+COLOURS: dict[str, str] = {"kept": "#2c9c5a", "strayed": "#e0a800", "lost": "#c8401e"}
 COLUMNS = {
     "kind": "kind",
     "kept": "kept",
@@ -55,78 +48,6 @@ COLUMNS = {
     "false_steered": "steered",
     "states": "states",
 }
-
-
-def outcome(run: Run, since_s: float) -> str:
-    """Say what became of a follower: a key of `OUTCOMES`."""
-    last = run.t_s > run.t_s[-1] - LAST_S
-    if (run.steered & false_frames(run))[last].mean() > 0.5:
-        return "lost"  # it follows another lamp, or nothing
-    if run.dark[-1]:
-        return "kept"  # there is nothing to follow, and it follows nothing
-    if end_m(run) > LOST_SHARE * run.station_m or run.states[-1] in ("searching", "lost"):
-        return "lost"
-    return "kept" if farthest_m(run, since_s) <= KEPT_M else "strayed"
-
-
-def farthest_m(run: Run, since_s: float) -> float:
-    """Return how far off its station a follower was at most since a time, m."""
-    return float(run.off_m[run.t_s >= since_s].max())
-
-
-def end_m(run: Run) -> float:
-    """Return how far off its station a follower was in the end, m."""
-    return float(run.off_m[run.t_s > run.t_s[-1] - END_S].mean())
-
-
-def back_s(run: Run, until_s: float) -> float | None:
-    """Return after how long from a time a follower stayed within `BACK_M`, s; None: never."""
-    away = run.t_s[run.off_m > BACK_M]
-    if end_m(run) > BACK_M:
-        return None
-    return float(max(0.0, away[-1] - until_s)) if len(away) else 0.0
-
-
-def false_frames(run: Run) -> Any:
-    """Say which frames have a track that is off by more than `SIGMAS` of its own, ``(n,)``."""
-    return (np.abs(run.errors) > SIGMAS * run.stds).any(axis=1)
-
-
-def figures(kind: Kind, runs: Sequence[Sequence[Run]]) -> dict[str, Any]:
-    """Return plain values of the runs of a kind, by seed and follower; None for what is unknown.
-
-    Of several followers the one that fared worst counts.
-    """
-    every = [run for one in runs for run in one]
-    outcomes = [
-        max((outcome(run, kind.since_s) for run in one), key=list(OUTCOMES).index) for one in runs
-    ]
-    until_s = kind.until_s if np.isfinite(kind.until_s) else kind.since_s
-    backs = [[s for run in one if (s := back_s(run, until_s)) is not None] for one in runs]
-    came = [max(times) for times, one in zip(backs, runs, strict=True) if len(times) == len(one)]
-    counted = [run.t_s >= kind.since_s for run in every]
-    false = [false_frames(run) & part for run, part in zip(every, counted, strict=True)]
-    seen = {state for run in every for state in run.states}
-    return plain(
-        {
-            **{"kind": kind.name, "group": kind.group, "what": kind.what, "runs": len(runs)},
-            **{name: outcomes.count(name) for name in OUTCOMES},
-            "off_m": max(farthest_m(run, kind.since_s) for run in every),
-            "off_median_m": float(np.median([farthest_m(run, kind.since_s) for run in every])),
-            "end_m": max(map(end_m, every)),
-            "back": len(came),
-            "back_s": max(came, default=None),
-            "frames": sum(
-                int((part & ~np.isnan(run.errors[:, 0])).sum())
-                for run, part in zip(every, counted, strict=True)
-            ),
-            "false": sum(int(part.sum()) for part in false),
-            "false_steered": sum(
-                int((part & run.steered).sum()) for run, part in zip(every, false, strict=True)
-            ),
-            "states": [state for state in STATES if state in seen],
-        }
-    )
 
 
 def measure(
@@ -222,7 +143,7 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
         "strayed": "strayed: farther, not lost",
         "lost": "lost",
     }
-    handles = [mark(names[name], "s", color=colour, ms=11) for name, colour in OUTCOMES.items()]
+    handles = [mark(names[name], "s", color=colour, ms=11) for name, colour in COLOURS.items()]
     handles.append(mark("farthest off since it began, of all seeds", "s", color="0.75", ms=11))
     handles.append(mark("off in the end, worst seed", "D", color="k", ms=6))
     handles.append(mark("false poses steered", "x", color="k", ms=8, mew=2))
@@ -257,11 +178,11 @@ def _draw_part(part: Sequence[dict[str, Any] | str], shares: Any, distances: Any
             continue
         labels.append(row["kind"])
         left, worst = 0.0, "kept"
-        for name, colour in OUTCOMES.items():
+        for name, colour in COLOURS.items():
             share = row[name] / row["runs"]
             shares.barh(y, share, left=left, color=colour, height=0.8)
             left, worst = left + share, name if share else worst
-        colour = OUTCOMES[worst]
+        colour = COLOURS[worst]
         distances.barh(y, row["off_m"], color=colour, alpha=0.45, height=0.8)
         distances.plot(row["end_m"], y, "D", color="k", ms=4.5)
         if row["false_steered"]:

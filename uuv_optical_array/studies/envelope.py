@@ -134,7 +134,7 @@ def envelope(rows: Sequence[dict[str, Any]]) -> list[str]:
 def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
     """Draw what became of the runs, and how far off they were, a row for each kind."""
     shown = _in_columns(rows)
-    figure = new_figure(16, 2.0 + 0.235 * max(12, *map(len, shown)))
+    figure = new_figure(16, 2.4 + 0.235 * max(14, *map(len, shown)))
     axes = figure.subplots(1, 2 * len(shown), width_ratios=(1, 3) * len(shown), squeeze=False)[0]
     for part, shares, distances in zip(shown, axes[::2], axes[1::2], strict=True):
         _draw_part(part, shares, distances)

@@ -157,6 +157,9 @@ def test_what_changes_changes_the_image_when_it_should(table_of_follow):
     )
     light = known.power / other.power * other.light([-4.5, 0, 0, 0, 0])
     np.testing.assert_allclose(murky, light, rtol=1e-9)
+    (dead,) = images("dead_detector", 14.9)
+    assert dead[2, 1] == 0
+    np.testing.assert_array_equal(np.delete(dead.ravel(), 11), np.delete(before.ravel(), 11))
     clear, cloudy, passed = images("plume_1_passes", 14.9, 20.0, 25.1)
     assert (cloudy < 0.95 * clear).any()
     np.testing.assert_array_equal(clear, passed)

@@ -1,7 +1,7 @@
 """A kind of trouble for a follower, and one run of the closed loop in it."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -29,6 +29,7 @@ from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.others import Other
 from uuv_optical_array.forward.prior import SCATTERING, power_offsets
+from uuv_optical_array.forward.scene import scene_from_settings
 from uuv_optical_array.studies.leader_courses import Points, at
 
 Model = Literal["kinematic", "bluerov2"]
@@ -61,6 +62,7 @@ class Kind:
     - since_s, until_s: when it begins and ends; what lasts ends as it begins.
     - lamp, scattering: relative to the scene; absorption: beyond it, 1/m.
     - plume: depth of clouds that the estimator does not know of, between the two times.
+    - effects: what they have in truth, beside the scene, from the start.
     - dark_s: from when to when the lamp is off, for the followers `blind`; none: for all.
     - start_m: of the follower, off its station; behind_m: how far behind the lamp instead;
       turned_deg: its yaw.
@@ -80,6 +82,7 @@ class Kind:
     absorption: Points = ()
     scattering: Points = ()
     plume: float = 0.0
+    effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     dark_s: tuple[float, float] = (np.inf, np.inf)
     blind: tuple[int, ...] = ()
     motion: Motion = leader_twist
@@ -195,7 +198,10 @@ def _imu(silent_s: tuple[float, float], roll: float, t_s: float) -> float | None
 
 def _models(kind: Kind, estimator: Estimator, seed: int) -> tuple[ForwardModel, ForwardModel]:
     """Return the models of the sea before and in the kind's clouds, which the seed draws."""
-    scene = estimator.scene
+    settings = estimator.scene.settings()
+    for name, values in kind.effects.items():
+        settings["effects"][name] = {**settings["effects"].get(name, {}), **values}
+    scene = scene_from_settings(settings, estimator.scene.name)
     own = scene.effects.get("plume", {}).get("depth", 0.0)
     clear = clouded(scene, own, seed)
     return clear, clouded(scene, kind.plume, seed) if kind.plume else clear

@@ -35,6 +35,8 @@ from uuv_optical_array.studies.closed_loop_runs import ALONE, Kind, Model, Run, 
 from uuv_optical_array.studies.shared.results import until_interrupted
 
 COLOURS: dict[str, str] = {"kept": "#2c9c5a", "strayed": "#e0a800", "lost": "#c8401e"}
+FALSE_SHARE = 0.001  # of the frames, from which a picture shows false ones that steered
+FARTHEST_M = 60.0  # of the picture
 COLUMNS = {
     "kind": "kind",
     "kept": "kept",
@@ -137,7 +139,7 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
     figure = new_figure(16, 2.4 + 0.235 * max(14, *map(len, shown)))
     axes = figure.subplots(1, 2 * len(shown), width_ratios=(1, 3) * len(shown), squeeze=False)[0]
     for part, shares, distances in zip(shown, axes[::2], axes[1::2], strict=True):
-        _draw_part(part, shares, distances)
+        _draw_part(part, max(map(len, shown)), shares, distances)
     names = {
         "kept": f"kept: never farther than {KEPT_M:g} m off",
         "strayed": "strayed: farther, not lost",
@@ -146,7 +148,9 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
     handles = [mark(names[name], "s", color=colour, ms=11) for name, colour in COLOURS.items()]
     handles.append(mark("farthest off since it began, of all seeds", "s", color="0.75", ms=11))
     handles.append(mark("off in the end, worst seed", "D", color="k", ms=6))
-    handles.append(mark("false poses steered", "x", color="k", ms=8, mew=2))
+    handles.append(
+        mark(f"false poses steered, over {100 * FALSE_SHARE:g} %", "x", color="k", ms=8, mew=2)
+    )
     figure.legend(handles=handles, loc="outside lower center", ncols=6, fontsize=10)
     figure.suptitle(f"What a follower keeps and loses: {about}", fontsize=13)
     return figure
@@ -167,8 +171,10 @@ def _in_columns(rows: Sequence[dict[str, Any]]) -> list[list[dict[str, Any] | st
     return [lines[:half], lines[half:]]
 
 
-def _draw_part(part: Sequence[dict[str, Any] | str], shares: Any, distances: Any) -> None:
-    """Draw a column of kinds on two axes."""
+def _draw_part(
+    part: Sequence[dict[str, Any] | str], lines: int, shares: Any, distances: Any
+) -> None:
+    """Draw a column of kinds on two axes, of as many lines as the longest has."""
     labels = []
     for y, row in enumerate(part):
         if isinstance(row, str):
@@ -185,10 +191,10 @@ def _draw_part(part: Sequence[dict[str, Any] | str], shares: Any, distances: Any
         colour = COLOURS[worst]
         distances.barh(y, row["off_m"], color=colour, alpha=0.45, height=0.8)
         distances.plot(row["end_m"], y, "D", color="k", ms=4.5)
-        if row["false_steered"]:
-            distances.plot(32, y, "x", color="k", ms=7, mew=2, clip_on=False)
+        if row["false_steered"] > FALSE_SHARE * row["frames"]:
+            distances.plot(FARTHEST_M / 1.2, y, "x", color="k", ms=7, mew=2)
     shares.set(xlim=(0, 1), xticks=[], xlabel="runs")
-    distances.set(xscale="log", xlim=(0.05, 40), xlabel="off its station (m)", yticks=[])
+    distances.set(xscale="log", xlim=(0.02, FARTHEST_M), xlabel="off its station (m)", yticks=[])
     plain_log_ticks(distances.xaxis)
     distances.axvline(KEPT_M, color="k", lw=0.8, ls=":")
     distances.grid(axis="x", alpha=0.4)
@@ -198,7 +204,7 @@ def _draw_part(part: Sequence[dict[str, Any] | str], shares: Any, distances: Any
         if isinstance(row, str):
             label.set_fontweight("bold")
     for axes in (shares, distances):
-        axes.set_ylim(len(part) - 0.5, -0.5)
+        axes.set_ylim(lines - 0.5, -0.5)
         axes.tick_params(axis="y", length=0)
 
 

@@ -185,7 +185,7 @@ class SimulatorNode(Node):
                 told_apart = code if self.parameters["code_by_vehicle"] else 0
                 found.append(Other(position, rotation, code=told_apart, lamp_m=lamp_m))
         missing = ", ".join(absent)
-        self.diagnostics.warn(f"left out: {missing} has no pose at this instant" if absent else "")
+        self.diagnostics.warn(f"left out: no pose of {missing} at this instant" if absent else "")
         return found
 
     def place_array(self, follower: Odometry, frame: str) -> None:

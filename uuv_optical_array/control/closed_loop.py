@@ -168,13 +168,13 @@ class ClosedLoop:
         return Instant(self.t_s, pose, image, answer, state, lamp, swimmer.command)
 
     def _image(self, swimmer: Swimmer, pose: Array, roll: float) -> Array:
-        """Return what a follower's array reads of all lamps, behind all bodies."""
+        """Return what a follower's array reads of all lamps, each with its code, behind bodies."""
         model, offsets, others = swimmer.light(self.t_s)
         own, ahead = swimmer.vehicle, self._ahead(swimmer)
         vehicles = [self.leader, *(follower.vehicle for follower in self.followers)]
         known = [
-            Other(vehicle.position, vehicle.rotation)
-            for vehicle in vehicles
+            Other(vehicle.position, vehicle.rotation, code=code)
+            for code, vehicle in enumerate(vehicles)
             if vehicle is not own and vehicle is not ahead
         ]
         known += [
@@ -187,8 +187,8 @@ class ClosedLoop:
         ]
         if not known:
             return model.read(model.light(pose, roll, offsets, self.t_s), self._rng)
-        leader, follower = Other(ahead.position, ahead.rotation), (own.position, own.rotation)
-        seen = sight(model, follower, leader, known, offsets, self.t_s)
+        lamp = Other(ahead.position, ahead.rotation, code=swimmer.ahead)
+        seen = sight(model, (own.position, own.rotation), lamp, known, offsets, self.t_s)
         return model.read(seen.light, self._rng, seen.beside)
 
     def _ahead(self, swimmer: Swimmer) -> Vehicle:

@@ -11,6 +11,10 @@ from uuv_optical_array.control.fleet import MIN_SEPARATION_M, vee
 from uuv_optical_array.control.follow_record import least_distance
 from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
+from uuv_optical_array.core.geometry import rotation_matrix
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.others import Other, sight
+from uuv_optical_array.forward.scene import load_scene
 
 # How far a follower may be off its station: one that sees the leader, and one that sees another.
 STATION_ERROR_M, CHAINED_ERROR_M = 0.5, 1.5
@@ -32,6 +36,14 @@ def test_a_v_opens_astern_and_its_arms_mirror_each_other():
     assert (port[:, 1] > 0).all()
     for count in (1, 2, 3):
         assert vee(count) == vee(4)[:count]
+
+
+def test_each_is_told_of_all_vehicles_but_itself_and_the_one_it_follows():
+    fleet = vee(3)
+    first, _, third = fleet
+    assert first.others(fleet) == ["follower_2/follower/odometry", "follower_3/follower/odometry"]
+    assert third.others(fleet) == ["leader/odometry", "follower_2/follower/odometry"]
+    assert vee(1)[0].others(vee(1)) == []
 
 
 def test_topics_of_a_chain_are_those_of_the_follower_ahead():
@@ -56,6 +68,29 @@ def test_followers_within_the_error_of_their_stations_keep_the_distance(count, c
         apart = between[one] ^ between[other]
         errors = [CHAINED_ERROR_M if fleet[n - 1].ahead else STATION_ERROR_M for n in apart]
         assert math.dist(found[one], found[other]) >= MIN_SEPARATION_M + sum(errors)
+
+
+@pytest.mark.parametrize(("count", "chain"), [(4, True), (3, False)])
+def test_near_its_station_each_sees_its_own_lamp_whole_and_no_other(count, chain):
+    rng, model = np.random.default_rng(4), ForwardModel(load_scene("formation"))
+    fleet = vee(count, chain)
+    for _ in range(100):
+        off = rng.uniform(-1, 1, (count + 1, 3)) * STATION_ERROR_M / math.sqrt(3)
+        turned = rng.uniform(-0.15, 0.15, (count + 1, 2))
+        vehicles = [
+            Other(place + error, rotation_matrix(*turn), code=code)
+            for code, (place, error, turn) in enumerate(
+                zip(places(fleet), off, turned, strict=True)
+            )
+        ]
+        for follower in fleet:
+            me, lamp = vehicles[follower.number], vehicles[follower.ahead]
+            others = [each for each in vehicles if each is not me and each is not lamp]
+            at = me.position, me.rotation
+            seen, alone = sight(model, at, lamp, others), sight(model, at, lamp)
+            np.testing.assert_allclose(seen.light, alone.light, rtol=1e-12)
+            assert seen.light.max() > 20 + 5  # counts: more than darkness and `min_peak_counts`
+            assert 2 * (seen.light - 20 + seen.beside).max() < 16383  # the peaks of all lamps
 
 
 @pytest.mark.parametrize(("count", "chain"), [(0, True), (-1, False), (5, True), (4, False)])

@@ -8,10 +8,12 @@ from nav_msgs.msg import Odometry
 from odometries import odometry, time_of
 from std_msgs.msg import Header
 
+from uuv_optical_array.control.fleet import vee
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.nodes.bringup.demo import RecorderNode
+from uuv_optical_array.nodes.bringup.demo import RecorderNode, options_of
 from uuv_optical_array.nodes.shared.messages import image_to_message
+from uuv_optical_array.nodes.simulator_node import SimulatorNode
 
 
 def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
@@ -81,3 +83,13 @@ def refused(folder, *words, meanwhile=lambda: None):
         _, error = ended(process, 1)
     assert not picture.exists()
     return error.splitlines()[-1]
+
+
+def test_the_simulator_of_a_follower_draws_all_vehicles_but_it_and_the_one_ahead(lab):
+    lab.begin({"scene": "formation"})
+    fleet = vee(3)
+    simulator = SimulatorNode(**options_of(fleet[2], fleet))
+    lab.nodes.append(simulator)
+    assert list(simulator.others) == ["/leader/odometry", "/follower_2/follower/odometry"]
+    heard = [each.topic_name for each in simulator.subscriptions]
+    assert {"/leader/odometry", "/follower_1/follower/odometry"} <= {*heard}

@@ -139,8 +139,9 @@ def demodulation(
 
     Counts are of a lamp's mean power, as without it. Daylight stays in the shot noise and in what
     saturates: ``saturation`` limits daylight and the peak of the lamps, as if all were as bright,
-    together. Daylight has to be slow beside the modulation, as waves and clouds are at some kHz.
-    Several lamps need frequencies of which none is an odd multiple of another, or slots.
+    together. So do lamps of other vehicles at frequencies of their own. Daylight has to be slow
+    beside the modulation, as waves and clouds are at some kHz. Several lamps need frequencies of
+    which none is an odd multiple of another, or slots, which tell no vehicles apart.
     """
     return Demodulation(waveform), Background(np.ones(array.side**2), pedestal_counts)
 

@@ -14,6 +14,7 @@ from uuv_optical_array.control.bluerov2 import (
     saturated,
 )
 from uuv_optical_array.control.sea import Sea, WaveSettings
+from uuv_optical_array.control.vehicles import Vehicle
 from uuv_optical_array.core.geometry import rotation_matrix
 
 DT = 0.1
@@ -65,7 +66,8 @@ def test_frd_is_half_a_turn_about_the_bow(roll, pitch, yaw, place):
 
 
 @pytest.mark.parametrize(
-    ("axis", "speed", "sign"), [(0, 0.5, 1), (1, 0.3, -1), (2, 0.3, 1), (4, 0.05, -1), (5, 0.2, 1)]
+    ("axis", "speed", "sign"),
+    [(0, 0.5, 1), (1, 0.3, -1), (2, 0.3, 1), (4, 0.05, -1), (5, 0.2, 1), (5, 0.6, -1)],
 )
 def test_each_axis_reaches_what_is_commanded_and_only_it(axis, speed, sign):
     vehicle = BlueRov2(np.zeros(3))
@@ -101,6 +103,32 @@ def test_the_top_speed_is_where_the_greatest_thrust_meets_the_drag():
     vehicle = BlueRov2(np.zeros(3))
     run(vehicle, np.array([5.0, 0, 0, 0, 0, 0]), 6)
     assert vehicle.linear[0] == pytest.approx(BlueRov2.limits.speed[0], abs=1e-3)
+
+
+@pytest.mark.parametrize("kind", [Vehicle, BlueRov2])
+def test_the_thrusters_turn_it_at_the_limits_and_leave_most_of_their_moment(kind):
+    # Of pitch and yaw: inertia with added mass, drag, and the righting moment of 0.0134 m^3 of
+    # water, 0.01 m above the centre of mass; upright thrusters are 0.12 m ahead and astern.
+    most = 4 * 30.4 * np.array([0.12, (0.156 + 0.111) * np.sqrt(0.5)])
+    turn, turning = kind.limits.speed[3:], kind.limits.acceleration[3:]
+    pitch = 0.365 * turning[0] + 0.8 * turn[0] + 0.47 * turn[0] ** 2
+    righting = 0.0134 * 1000 * 9.82 * 0.01 * np.sin(kind.limits.pitch)
+    yaw = 0.592 * turning[1] + 1.5 * turn[1] ** 2
+    assert ([pitch + righting, yaw] < most / 5).all()
+
+
+@pytest.mark.parametrize(("axis", "most"), [(0, 85.98), (1, 85.98), (2, 121.6)])
+def test_it_speeds_up_at_the_limit_until_near_the_top_speed(axis, most):
+    mass = np.array([13.5 + 6.36, 13.5 + 7.12, 13.5 + 18.68])[axis]
+    linear, quadratic = [13.7, 0.0, 33.0][axis], [141.0, 217.0, 190.0][axis]
+    spare = most - mass * Vehicle.limits.acceleration[axis]
+    fastest = (-linear + np.sqrt(linear**2 + 4 * quadratic * spare)) / (2 * quadratic)
+    assert fastest > 0.9 * BlueRov2.limits.speed[axis]
+    vehicle, speed = BlueRov2(np.zeros(3)), min(fastest, BlueRov2.limits.speed[axis])
+    seconds = round(0.9 * speed / Vehicle.limits.acceleration[axis] / DT) * DT
+    run(vehicle, 5.0 * np.eye(6)[axis], seconds)
+    reached = Vehicle.limits.acceleration[axis] * seconds
+    assert vehicle.linear[axis] == pytest.approx(reached, rel=0.06)
 
 
 def test_idle_in_still_water_it_stays_and_rolled_it_rights_itself():

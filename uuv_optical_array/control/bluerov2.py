@@ -75,7 +75,7 @@ def saturated(wrench: Array) -> Array:
 class BlueRov2(Vehicle):
     """A `Vehicle` that obeys as well as a BlueROV2 Heavy's autopilot can, at any pitch."""
 
-    limits = VehicleLimits(speed=(0.7, 0.55, 0.6, 0.25, 0.25))  # what the thrusters can hold
+    limits = VehicleLimits(speed=(0.7, 0.55, 0.6, 0.6, 0.6))  # what the thrusters can hold
 
     def __init__(
         self, position: ArrayLike, pitch: float = 0.0, yaw: float = 0.0, sea: Sea = STILL_SEA

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
-from uuv_optical_array.control.vehicles import leader_twist
+from uuv_optical_array.control.leader_path import leader_twist
 from uuv_optical_array.core.errors import NoPose
 
 MARGIN_M = 3 * np.sqrt(PUBLISHED[0, 0])  # dead astern, three standard deviations of the range

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.control.bluerov2 import BlueRov2
 from uuv_optical_array.control.sea import STILL_SEA, Sea, WaveSettings
-from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits, leader_twist, start_behind
+from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits, start_behind
 from uuv_optical_array.core.geometry import relative_pose
 
 DT = 0.02
@@ -84,30 +84,6 @@ def test_pitch_stops_at_its_limit_and_comes_back():
     assert vehicle.angular[1] == 0.0
     vehicle.step(np.zeros(3), np.array([0, -1.0, 0]), DT)
     assert vehicle.pitch < VehicleLimits().pitch
-
-
-def test_leader_turns_to_port_and_dives_in_the_first_minute():
-    leader, pitches = Vehicle(np.zeros(3)), []
-    for step in range(round(60 / DT)):
-        leader.step(*leader_twist(step * DT), DT)
-        pitches.append(leader.pitch)
-    assert np.degrees(leader.yaw) == pytest.approx(35, abs=0.01)
-    assert leader.pitch == pytest.approx(0, abs=1e-6)
-    assert leader.position[2] == pytest.approx(-1.4, abs=0.02)
-    assert np.degrees(max(pitches)) == pytest.approx(10, abs=0.01)
-    assert min(pitches) > -1e-6
-
-
-def test_leader_path_is_smooth_bounded_and_periodic():
-    times = np.arange(0, 240, 0.01)
-    linear, angular = (np.array(part) for part in zip(*map(leader_twist, times), strict=True))
-    assert (linear == [0.5, 0, 0]).all()
-    assert (angular[:, 0] == 0).all()
-    assert np.degrees(np.abs(angular).max(axis=0)) == pytest.approx([0, 2.0, 3.5], abs=1e-4)
-    # Never more than a vehicle with the default limits can follow.
-    assert np.abs(np.diff(angular, axis=0)).max() < 0.15 * 0.01
-    assert angular[12000:] == pytest.approx(angular[:12000], abs=1e-9)
-    assert (angular[times < 12] == 0).all()
 
 
 CURRENT = np.array([0.3, -0.2, 0.1])

@@ -8,8 +8,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from uuv_optical_array.control.following import Following, State
+from uuv_optical_array.control.leader_path import leader_twist
 from uuv_optical_array.control.sea import STILL_SEA, Sea
-from uuv_optical_array.control.vehicles import Vehicle, leader_twist
+from uuv_optical_array.control.vehicles import Vehicle
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.estimation.pipeline import Answer, Pipeline

@@ -1,4 +1,4 @@
-"""The demonstration's kinematic vehicle, and the path the leader swims for ever."""
+"""The demonstration's kinematic vehicle, and where a follower of it starts."""
 
 from dataclasses import dataclass
 
@@ -7,13 +7,6 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array.control.sea import STILL_SEA, Sea
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
-
-PATH_MINUTE_S = 60.0
-LEADER_SPEED_M_PER_S = 0.5
-# Start, duration (s) and peak rate (rad/s) of the manoeuvres of each minute.
-TURN = (12.0, 20.0, np.radians(3.5))
-BOW_DOWN = (32.0, 10.0, np.radians(2.0))
-BOW_UP = (48.0, 10.0, -np.radians(2.0))
 
 
 @dataclass(frozen=True)
@@ -105,32 +98,6 @@ class Vehicle:
         change = np.clip(command, -fastest, fastest) - self._rate
         ramped: Array = self._rate + np.clip(change, -slew, slew)
         return ramped
-
-
-def _raised_cosine(t_s: float, start_s: float, duration_s: float, peak: float) -> float:
-    """Return a smooth pulse; its integral is half of peak times duration."""
-    phase = (t_s - start_s) / duration_s
-    return peak * (1 - np.cos(2 * np.pi * phase)) / 2 if 0 < phase < 1 else 0.0
-
-
-def leader_twist(t_s: float) -> tuple[Array, Array]:
-    """Return the leader's command in its own frame, m/s and rad/s, shape ``(3,)`` each.
-
-    A minute is straight, a turn of 35 deg, 1.4 m down at a pitch of up to 10 deg, straight; the
-    next turns back and comes up. A station 4.5 m behind swings sideways at up to 0.27 m/s.
-    """
-    minute, t_s = divmod(t_s, PATH_MINUTE_S)
-    side = -1.0 if minute % 2 else 1.0
-    pitch_rate = _raised_cosine(t_s, *BOW_DOWN) + _raised_cosine(t_s, *BOW_UP)
-    yaw_rate = _raised_cosine(t_s, *TURN)
-    return np.array([LEADER_SPEED_M_PER_S, 0, 0]), side * np.array([0, pitch_rate, yaw_rate])
-
-
-def lead(leader: Vehicle, path_s: float, dt: float) -> float:
-    """Move the leader along its path by `dt`, against the current; return its new time there, s."""
-    linear, angular = leader_twist(path_s + dt / 2)
-    leader.step(linear - leader.rotation.T @ leader.sea.current, angular, dt)
-    return path_s + dt
 
 
 def start_behind(

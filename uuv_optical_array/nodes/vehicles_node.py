@@ -18,8 +18,9 @@ from rclpy.time import Time
 
 from uuv_optical_array.control.bluerov2 import BlueRov2
 from uuv_optical_array.control.formation import FormationSettings
+from uuv_optical_array.control.leader_path import lead
 from uuv_optical_array.control.sea import CURRENT, Sea, WaveSettings
-from uuv_optical_array.control.vehicles import Vehicle, lead, start_behind
+from uuv_optical_array.control.vehicles import Vehicle, start_behind
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.messages import odometry_pose, twist_from_message
 from uuv_optical_array.core.settings import Quantity

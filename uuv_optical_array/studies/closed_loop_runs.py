@@ -20,8 +20,9 @@ from uuv_optical_array.control.closed_loop import (
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.following import Following
 from uuv_optical_array.control.formation import FormationSettings
+from uuv_optical_array.control.leader_path import leader_twist
 from uuv_optical_array.control.sea import Sea
-from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits, leader_twist
+from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits
 from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.core.settings import Place
 from uuv_optical_array.estimation.estimator import Estimator

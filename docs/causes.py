@@ -46,6 +46,9 @@ CAUSES = {
     "no leader": "Its odometry lags far behind the follower's.",
     "no leader pose at the follower's stamp": "Its odometry has a gap or begins later.",
     "frames differ": "The odometries are in two frames.",
+    "paused": (
+        "The simulated clock jumped, or the node had no time for seconds; no vehicle moved."
+    ),
     "no input": "Nothing came that the node could answer.",
     "several publishers": "Two nodes publish on one topic.",
     "mismatch": (

@@ -212,7 +212,7 @@ def nodes(topics: Sequence[tuple[str, bool, str, str]]) -> str:
     names = {node for node, *_ in topics}
     order = [f"{name}_node" for name in PIPELINE if f"{name}_node" in names]
     order += sorted(names - set(order))
-    column = {name: 290 + 145 * i for i, name in enumerate(order)}
+    column = {name: 325 + 145 * i for i, name in enumerate(order)}
     ends: dict[tuple[str, str], tuple[list[float], list[float]]] = {}
     for node, published, name, kind in topics:
         ends.setdefault((name, kind), ([], []))[not published].append(column[node])
@@ -221,7 +221,7 @@ def nodes(topics: Sequence[tuple[str, bool, str, str]]) -> str:
         (name, _), (publishers, listeners) = item
         return min(publishers or listeners), name
 
-    width, height = 270 + 145 * len(order), 150 + 46 * len(ends)
+    width, height = 305 + 145 * len(order), 150 + 46 * len(ends)
     parts = []
     for first, last, text in (
         ("vehicles", "simulator", "of the demonstration alone"),
@@ -243,7 +243,7 @@ def nodes(topics: Sequence[tuple[str, bool, str, str]]) -> str:
         y = 110 + 46 * number
         parts.append(words(12, y, name, font_weight="bold"))
         parts.append(words(12, y + 17, kind.partition("/")[2], fill=GREY, font_size=12))
-        starts = publishers or [205.0]
+        starts = publishers or [240.0]
         for start in starts:
             for x in listeners:
                 if x != start:

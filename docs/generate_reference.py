@@ -318,7 +318,8 @@ def topics() -> list[str]:
         "`relative_odometry` the track of many, `leader_pose` the lamp in the follower's "
         "`base_frame`. `use_image`, `use_commands` and `use_imu` let `estimator_node` take "
         "`array/image`, `cmd_vel` and `imu`. `markers` are beam and body by one node, the station "
-        "by the other, for RViz. A leader of the demonstration hears `/diagnostics`. "
+        "by the other, for RViz. A demonstration's leader hears `/diagnostics`, sets off by the "
+        "followers' `cmd_vel` and `follow_state`, and obeys `leader/cmd_vel`. "
         "`formation_node` has the service `~/engage` (std_srvs/SetBool).",
     ]
 

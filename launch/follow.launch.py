@@ -14,6 +14,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import ExecutableInPackage
 
+from uuv_optical_array.control.leader_path import leader_path
 from uuv_optical_array.core.settings import Place, check
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import load_scene
@@ -52,7 +53,9 @@ def nodes(context):
     arguments = {}
     if given("scene"):
         load_scene(given("scene"))
-    for name in ("scene", "frame_prefix", "leader_frame", "others"):
+    if given("leader_path"):
+        leader_path(given("leader_path"))
+    for name in ("scene", "frame_prefix", "leader_frame", "others", "leader_path"):
         if given(name):
             arguments[name] = ParameterValue(given(name), value_type=str)
     if given("use_sim_time"):

@@ -36,6 +36,7 @@ def fleet(context):
             "demo": "leader",
             "namespace": space,
             "followers": str(len(followers)),
+            "leader_path": given("leader_path"),
             "rviz_config": given("rviz_config") or config,
         },
         *(

@@ -123,6 +123,10 @@ REFUSED = [
     (("scenes", "beam_sigma"), "did you mean beam_sigma_deg?"),
     (("scenes", "xyzzy"), "uuv_array scenes lists the ready ones"),
     (("scenes", "nowhere.yaml"), "nowhere.yaml: no such file"),
+    (
+        ("follow", "--leader-path", "zigzags"),
+        "'zigzags' is no ready path and no file; did you mean",
+    ),
     (("view", "--address", ":0"), "--address: 0 is out of bounds"),
     (("view", "--screenshot", "/nowhere/view.png"), "make it first"),
     (("view", "/nowhere/bag"), "no such file or folder"),

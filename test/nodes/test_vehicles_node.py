@@ -7,13 +7,15 @@ from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from odometries import odometry, position, rotation, time_of
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.control.vehicles import VehicleLimits
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 
 START = 100 * 10**9
 STEP = 10**8
-ACCELERATION = 0.5  # m/s^2, of the small hovering vehicle
+ACCELERATION = VehicleLimits().acceleration[0]  # m/s^2
 
 
 class Basin:
@@ -27,6 +29,7 @@ class Basin:
             name: lab.listen(Odometry, f"{name}/odometry") for name in ("leader", "follower")
         }
         self.commands = lab.talk(TwistStamped, "cmd_vel")
+        self.drivers = lab.talk(TwistStamped, "leader/cmd_vel")
         lab.connect()
 
     def tick(self):
@@ -38,11 +41,15 @@ class Basin:
             for name, heard in self.heard.items()
         )
 
-    def order(self, surge=0.0, yaw_rate=0.0):
-        """Command the follower and wait until the node has it."""
+    def order(self, surge=0.0, yaw_rate=0.0, to=None):
+        """Command the follower, or by another publisher, and wait until the node has it."""
         message = TwistStamped()
         message.twist.linear.x, message.twist.angular.z = surge, yaw_rate
-        self.lab.deliver(self.node, self.commands, message)
+        self.lab.deliver(self.node, to or self.commands, message)
+
+    def drive(self, surge=0.0, yaw_rate=0.0):
+        """Command the leader."""
+        self.order(surge, yaw_rate, self.drivers)
 
 
 @pytest.fixture
@@ -103,16 +110,16 @@ def test_the_follower_obeys_and_stops_when_the_command_is_too_old(lab):
     for _ in range(20):
         basin.order(surge=0.3)
         _, follower = basin.tick()
-    # Speeding up to 0.3 m/s takes 0.6 s; another 1.4 s at that speed.
+    # Up to 0.3 m/s, and the rest of 2 s at that speed.
     assert follower.twist.twist.linear.x == pytest.approx(0.3)
     way = position(follower) - position(before)
-    np.testing.assert_allclose(way, [0.3**2 / 2 / ACCELERATION + 0.3 * 1.4, 0, 0], atol=1e-9)
-    # The last command came a tick ago; it holds for 0.5 s of age, then braking takes 0.6 s.
+    np.testing.assert_allclose(way, [0.6 - 0.3**2 / 2 / ACCELERATION, 0, 0], atol=1e-9)
+    # The last command came a tick ago; it holds for 0.5 s of age, then it brakes.
     surges = [basin.tick()[1].twist.twist.linear.x for _ in range(20)]
     expected = [0.3 - ACCELERATION * max(0.0, 0.1 * (i + 1) - 0.4) for i in range(20)]
     np.testing.assert_allclose(surges, np.maximum(expected, 0.0), atol=1e-9)
     basin.order(surge=0.3)
-    assert basin.tick()[1].twist.twist.linear.x == pytest.approx(0.05)
+    assert basin.tick()[1].twist.twist.linear.x == pytest.approx(0.1 * ACCELERATION)
 
 
 def test_a_clock_that_is_set_back_stops_nothing(basin):
@@ -122,6 +129,109 @@ def test_a_clock_that_is_set_back_stops_nothing(basin):
     basin.lab.tick(basin.now)
     leader, follower = [basin.tick() for _ in range(3)][-1]
     assert leader.header.stamp == follower.header.stamp == time_of(basin.now)
+
+
+def test_a_clock_that_jumps_moves_nobody_and_is_said(basin):
+    for _ in range(20):
+        basin.order(surge=0.3)
+        before = basin.tick()
+    basin.lab.report(basin.node, DiagnosticStatus.OK)
+    for jump_s, told in ((30, "paused: a step of 30.1 s"), (-10, "paused: a step of -9.9 s")):
+        basin.now += jump_s * 10**9
+        basin.order(surge=0.3)
+        if jump_s < 0:
+            basin.lab.tick(basin.now)  # by which the timer is set anew
+        after = basin.tick()
+        for one, other in zip(before, after, strict=True):
+            np.testing.assert_array_equal(position(other), position(one))
+        basin.lab.report(basin.node, DiagnosticStatus.WARN, told)
+        basin.order(surge=0.3)
+        before = basin.tick()
+        ways = [position(b)[0] - position(a)[0] for a, b in zip(after, before, strict=True)]
+        assert ways == pytest.approx([0.05, 0.03])
+
+
+def test_the_leader_obeys_its_own_commands_and_stops_when_they_end(lab):
+    basin = Basin(lab, leader_path="dash", command_timeout_s=0.5)
+    start = position(basin.tick()[0])
+    basin.drive(surge=np.nan)
+    basin.lab.report(
+        basin.node, DiagnosticStatus.WARN, "leader waits", "leader/cmd_vel, not finite", "nan"
+    )
+    np.testing.assert_array_equal(position(basin.tick()[0]), start)
+    for tick in range(30):  # it waits for no follower
+        basin.drive(surge=-0.4, yaw_rate=0.2)
+        leader, follower = basin.tick()
+        assert leader.twist.twist.linear.x == pytest.approx(
+            max(-0.1 * ACCELERATION * (tick + 1), -0.4)
+        )
+        assert not over_ground(follower).any()
+    assert leader.twist.twist.angular.z == pytest.approx(0.2)
+    basin.lab.report(basin.node, DiagnosticStatus.OK)
+    basin.order(surge=0.2)  # the follower has a helm of its own
+    surges = [[message.twist.twist.linear.x for message in basin.tick()] for _ in range(20)]
+    # The last command came a tick ago; it holds for 0.5 s of age, then it brakes.
+    braked = [-0.4 + ACCELERATION * max(0.0, 0.1 * (i + 1) - 0.4) for i in range(20)]
+    np.testing.assert_allclose([surge for surge, _ in surges], np.minimum(braked, 0.0), atol=1e-9)
+    assert surges[3][1] == pytest.approx(0.2)
+    # Its path is no more, though every follower was commanded.
+    basin.order()
+    assert not over_ground(basin.tick()[0]).any()
+    basin.drive(surge=0.3)
+    assert basin.tick()[0].twist.twist.linear.x == pytest.approx(0.1 * ACCELERATION)
+
+
+def test_a_driven_leader_drifts_with_the_current_as_what_is_commanded_is_through_the_water(lab):
+    basin = Basin(lab, current_m_per_s=[0.0, 0.2, 0.0])
+    basin.tick()
+    for _ in range(20):
+        basin.drive(surge=0.3)
+        leader, _ = basin.tick()
+    np.testing.assert_allclose(over_ground(leader), [0.3, 0.2, 0.0], atol=1e-9)
+
+
+def test_the_leader_swims_the_path_of_a_file(lab, tmp_path):
+    file = tmp_path / "path.csv"
+    file.write_text(
+        "t_s,surge_m_per_s,sway_m_per_s,heave_m_per_s,pitch_rate_deg_per_s,yaw_rate_deg_per_s\n"
+        "0,0,0,-0.2,0,0\n1,0,0.3,0,0,0\n2,0,0,0,0,0\n"
+    )
+    basin = Basin(lab, leader_path=str(file))
+    basin.tick()
+    basin.order()
+    speeds = np.array([over_ground(basin.tick()[0]) for _ in range(30)])
+    assert speeds[9] == pytest.approx([0, 0, -0.2], abs=1e-9)
+    assert speeds[19] == pytest.approx([0, 0.3, 0], abs=1e-9)
+    assert speeds[29] == pytest.approx([0, 0, 0], abs=1e-9)
+
+
+def test_a_path_that_is_none_is_refused_at_the_start(lab):
+    lab.begin({"leader_path": "zigzags"})
+    with pytest.raises(ValueError, match=r"leader_path: 'zigzags' is no .*; did you mean zigzag\?"):
+        lab.start(VehiclesNode)
+
+
+@pytest.mark.parametrize("state", ["waiting", "searching", "lost"])
+def test_the_leader_waits_for_a_follower_that_has_not_found_it(lab, state):
+    lab.begin({"vehicles": "leader"})
+    node = lab.start(VehiclesNode)
+    command = lab.talk(TwistStamped, "follower_1/cmd_vel")
+    lasting = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    states = lab.probe.create_publisher(DiagnosticStatus, "follower_1/follow_state", lasting)
+    lab.publishers.append(states)
+    heard = lab.listen(Odometry, "leader/odometry")
+    lab.connect()
+    for word in (state, "locked"):
+        states.publish(DiagnosticStatus(message=word))
+        lab.until(lambda word=word: word in node.waiting.states.values(), "the state")
+        lab.deliver(node, command, TwistStamped())
+        if word == state:
+            words = f"leader waits: follower_1/cmd_vel is of a follower that is {state}"
+            lab.report(node, DiagnosticStatus.WARN, words)
+            assert node.path_s is None
+            assert node.waiting.busy == (state == "searching")
+    lab.until(lambda: heard and position(heard[-1])[0] > 0.01, "the leader to set off")
+    lab.report(node, DiagnosticStatus.OK)
 
 
 def test_a_follower_alone_waits_for_a_leader_and_starts_behind_it(lab):
@@ -178,7 +288,7 @@ def test_the_leader_waits_until_an_estimator_has_the_fit_that_it_will_keep(lab, 
         values = [KeyValue(key="method", value="least_squares"), KeyValue(key="fit", value=fit)]
         name = f"{namespace}/follower_1/estimator_node".lstrip("/")
         told.publish(DiagnosticArray(status=[DiagnosticStatus(name=name, values=values)]))
-        lab.until(lambda: node.fits.get(f"/{name}") == fit, "the diagnostics to arrive")
+        lab.until(lambda: node.waiting.fits.get(f"/{name}") == fit, "the diagnostics to arrive")
         lab.deliver(node, commands, TwistStamped())
 
     ours = f"{namespace}/follower_1/estimator_node compiling the fit"

@@ -9,7 +9,8 @@ import pytest
 from command_line import assert_picture, json_of
 from scenes import changed
 
-from uuv_optical_array.control.vehicles import Vehicle, leader_twist
+from uuv_optical_array.control.leader_path import leader_twist
+from uuv_optical_array.control.vehicles import Vehicle
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene

@@ -3,12 +3,14 @@
 A leader waits until its follower sees it, and once on a machine until the fit is compiled; then it
 runs straight, turns, and changes depth, and the follower keeps station behind it by the light of
 the leader's lamp alone. Simulator, feature, estimator, formation and vehicles node run in this one
-process, on real ROS 2 topics, with the parameters of follow.launch.py. At the end a summary is
-printed and a picture is written. Several followers swim in a V, each with nodes of its own in a
-namespace, as in formation.launch.py, by default in the scene formation.
+process, on real ROS 2 topics, with the parameters of follow.launch.py; who publishes leader/cmd_vel
+drives the leader. At the end a summary is printed and a picture is written. Several followers swim
+in a V, each with nodes of its own in a namespace, as in formation.launch.py, by default in the
+scene formation.
 
   uuv_array follow                          60 s of the default scene
   uuv_array follow --seed 1                 with the same noise each time
+  uuv_array follow --leader-path zigzag     another path of the leader, or one of your own (CSV)
   uuv_array follow --scene sea.yaml         your own lamp, water and array
   uuv_array follow --record run             a bag for uuv_array estimate; needs the extra `bags`
   uuv_array follow --followers 3            a V; the third follower is lit by the first
@@ -29,6 +31,7 @@ from rich.text import Text
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.control.fleet import MIN_SEPARATION_M, MOST, vee
 from uuv_optical_array.control.follow_record import FollowRecord, least_distance
+from uuv_optical_array.control.leader_path import PATHS, leader_path
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
@@ -43,6 +46,8 @@ SEED = Quantity("seed of the noise (default: the parameter file's, a new one)", 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("--scene", help="ready scene or YAML file (default: the parameter file's)")
+    about = f"{', '.join(PATHS)} or a CSV file (default: the parameter file's)"
+    parser.add_argument("--leader-path", metavar="PATH", help=about)
     options.add_number(parser, "duration", DURATION, 60.0)
     options.add_number(parser, "seed", SEED, None, int)
     options.add_number(parser, "followers", Quantity("how many followers", "", 1, MOST), 1)
@@ -78,6 +83,8 @@ def run(args: argparse.Namespace) -> int:
     with options.checking_options():
         # One follower takes the station of its parameters.
         fleet = [] if args.followers == 1 else vee(args.followers, not args.no_chain)
+        if args.leader_path is not None:
+            leader_path(args.leader_path)
     if args.scene is None and fleet and args.params_file is None:
         args.scene = "formation"
     ros_args: list[str] = []
@@ -86,6 +93,8 @@ def run(args: argparse.Namespace) -> int:
     if args.scene is not None:
         options.scene_of(args)
         ros_args += ["-p", f"scene:={args.scene}"]
+    if args.leader_path is not None:
+        ros_args += ["-p", f"leader_path:={args.leader_path}"]
     if args.seed is not None:
         ros_args += ["-p", f"simulator_node:seed:={args.seed}"]
     follow = needs("ros", "uuv_optical_array.nodes.bringup.demo").follow

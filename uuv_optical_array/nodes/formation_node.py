@@ -18,7 +18,7 @@ from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.nodes.shared import markers, messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
-from uuv_optical_array.nodes.shared.node import LASTING, publish, run, subscribe
+from uuv_optical_array.nodes.shared.node import LASTING, publish, run, steady_clock, subscribe
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
 
 PARAMETERS = {
@@ -50,7 +50,8 @@ class FormationNode(Node):
             subscribe(self, Odometry, "relative_odometry", self.on_message)
         self.create_service(SetBool, "~/engage", self.on_engage)
         self.engage(self.parameters["start_engaged"])
-        self.timer = self.create_timer(1.0 / self.parameters["rate_hz"], self.on_timer)
+        period_s = 1.0 / self.parameters["rate_hz"]
+        self.timer = self.create_timer(period_s, self.on_timer, clock=steady_clock(self))
 
     def settings(self, changes: dict[str, Any]) -> FormationSettings:
         """Return the settings with a change; ValueError for a station that cannot be reached."""

@@ -2,15 +2,19 @@
 
 The leader sets off once every follower has been commanded, which the formation control does from
 the first pose on, and has the fit that it will keep: while a fit is compiled, frames may be late.
-Then the sea begins to move too. ``cmd_vel`` is a velocity through the water; the leader can see the
+A follower that says by its ``follow_state`` that it has not found the leader is waited for. Then
+the sea begins to move too. ``cmd_vel`` is a velocity through the water; the leader can see the
 ground, and steers against the current. Each can be alone, so that several followers share a leader.
+
+Where ``leader/cmd_vel`` comes, the leader waits for none and obeys it, and from then on nothing
+else: it has left its path for good, and where the commands end it stops in the water.
 """
 
 from functools import partial
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
@@ -18,17 +22,28 @@ from rclpy.time import Time
 
 from uuv_optical_array.control.bluerov2 import BlueRov2
 from uuv_optical_array.control.formation import FormationSettings
-from uuv_optical_array.control.leader_path import lead
+from uuv_optical_array.control.leader_path import lead, leader_path
 from uuv_optical_array.control.sea import CURRENT, Sea, WaveSettings
 from uuv_optical_array.control.vehicles import Vehicle, start_behind
-from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.messages import odometry_pose, twist_from_message
+from uuv_optical_array.core.messages import odometry_pose
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.nodes.shared import messages
 from uuv_optical_array.nodes.shared.attitude import roll_pitch_yaw
-from uuv_optical_array.nodes.shared.diagnostics import UNKNOWN, Diagnostics, publishers
-from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
+from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
+from uuv_optical_array.nodes.shared.helm import Helm
+from uuv_optical_array.nodes.shared.node import (
+    LASTING,
+    publish,
+    run,
+    steady_clock,
+    subscribe,
+    transform_publisher,
+)
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
+from uuv_optical_array.nodes.shared.waiting import Waiting
+
+# A step of as many periods, and of as many seconds, is none: the clock jumped, or the node slept.
+PAUSE_PERIODS, PAUSE_S = 5, 1.0
 
 MODELS: dict[str, type[Vehicle]] = dict(kinematic=Vehicle, bluerov2=BlueRov2)
 
@@ -46,6 +61,9 @@ PARAMETERS = {
     "vehicle_model": Parameter(
         "kinematic", Quantity("velocities within limits, or a BlueROV2 Heavy"), True, tuple(MODELS)
     ),
+    "leader_path": Parameter(
+        "demonstration", Quantity("that the leader swims: a ready one's name or a CSV file"), True
+    ),
     "current_m_per_s": Parameter([0.0, 0.0, 0.0], CURRENT),
     **parameters_of(WaveSettings),
     "rate_hz": Parameter(10.0, Quantity("odometry messages a second", "Hz", 1, 1000), True),
@@ -55,25 +73,30 @@ PARAMETERS = {
         True,
     ),
     "command_timeout_s": Parameter(
-        1.0, Quantity("age of cmd_vel from which the follower stops", "s", 0.05, 60)
+        1.0, Quantity("age of cmd_vel from which its vehicle stops", "s", 0.05, 60)
     ),
     "world_frame": Parameter("odom", Quantity("frame of both odometries"), True),
 }
 
 
 class VehiclesNode(Node):
-    """Move the vehicles by the node's clock and publish where they are; options as of `Node`."""
+    """Move the vehicles and publish where they are; options as of `Node`.
+
+    They move by the time of a steady clock, or of the simulated one, of which no jump moves them.
+    """
 
     def __init__(self, **options: Any) -> None:
         super().__init__("vehicles_node", **options)
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
         self.on_change({})
         self.model = MODELS[self.parameters["vehicle_model"]]
+        self.path = leader_path(self.parameters["leader_path"])
         self.vehicles: dict[str, Vehicle] = {}
-        self.path_s: float | None = None  # time on the leader's path, once all are commanded
+        self.path_s: float | None = None  # time since the leader set off
+        self.on_path = True
+        self.clock = steady_clock(self)
         self.moved: Time | None = None
-        self.commanded = self.get_clock().now()
-        self.command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
+        self.helms = {name: Helm(self.clock) for name in ("leader", "follower")}
         self.diagnostics = Diagnostics(self)
         role = self.parameters["vehicles"]
         self.odometry = {
@@ -82,27 +105,32 @@ class VehiclesNode(Node):
             if role in (name, "both")
         }
         self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
-        # The commands that the leader waits for; and of those that came, who compiles the fit.
-        self.awaited: dict[str, str] = {}
-        self.fits: dict[str, str] = {}  # what each estimator says of its fit
-        if role == "leader":
-            for n in range(1, self.parameters["followers"] + 1):
-                self.awaited[f"follower_{n}/cmd_vel"] = ""
-                heard = partial(self.on_command, f"follower_{n}/cmd_vel")
-                subscribe(self, TwistStamped, f"follower_{n}/cmd_vel", heard)
-        else:
-            self.awaited["cmd_vel"] = ""
-            subscribe(self, TwistStamped, "cmd_vel", partial(self.on_command, "cmd_vel"))
+        numbers = range(1, self.parameters["followers"] + 1) if role == "leader" else []
+        self.waiting = Waiting(self, [f"follower_{n}/" for n in numbers] or [""])
+        for n in numbers:
+            heard = partial(self.on_command, f"follower_{n}/")
+            subscribe(self, TwistStamped, f"follower_{n}/cmd_vel", heard)
+            told = partial(self.waiting.on_state, f"follower_{n}/")
+            subscribe(self, DiagnosticStatus, f"follower_{n}/follow_state", told, qos=LASTING)
+        if role != "leader":
+            subscribe(self, TwistStamped, "cmd_vel", partial(self.on_command, ""))
+        if role == "both":
+            told = partial(self.waiting.on_state, "")
+            subscribe(self, DiagnosticStatus, "follow_state", told, qos=LASTING)
         if role == "follower":
             self.diagnostics.warn("follower waits: no leader/odometry has come yet")
             subscribe(self, Odometry, "leader/odometry", self.on_leader)
         else:
-            self.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, 100)
-            self.warn_of_waiting()
+            heard_of = self.waiting.on_diagnostics
+            self.create_subscription(DiagnosticArray, "/diagnostics", heard_of, 100)
+            subscribe(self, TwistStamped, "leader/cmd_vel", self.on_leader_command)
+            self.diagnostics.warn(self.waiting.text)
             self.vehicles["leader"] = self.model(np.zeros(3))
         if role == "both":
             self.place_follower(self.vehicles["leader"])
-        self.timer = self.create_timer(1.0 / self.parameters["rate_hz"], self.on_timer)
+        period_s = 1.0 / self.parameters["rate_hz"]
+        self.pause_s = max(PAUSE_PERIODS * period_s, PAUSE_S)
+        self.timer = self.create_timer(period_s, self.on_timer, clock=self.clock)
 
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over the sea of the parameters with changes to them."""
@@ -112,28 +140,6 @@ class VehiclesNode(Node):
     def place_follower(self, leader: Vehicle) -> None:
         """Start the follower near its station."""
         self.vehicles["follower"] = start_behind(leader, self.parameters["station_m"])
-
-    def warn_of_waiting(self) -> None:
-        """Report which commands the leader waits for, and whose fit."""
-        silent = ", ".join(topic for topic, compiler in self.awaited.items() if not compiler)
-        compilers = ", ".join(filter(None, self.awaited.values()))
-        reasons = [f"no {silent} has come yet"] if silent else []
-        reasons += [f"{compilers} compiling the fit, once on a machine"] if compilers else []
-        self.diagnostics.warn(f"leader waits: {' and '.join(reasons)}" if reasons else "")
-
-    def on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Note how the fit of each estimator runs."""
-        for status in message.status:
-            values = {pair.key: pair.value for pair in status.values}
-            if "method" in values:
-                self.fits[f"/{status.name}"] = values.get("fit", "")
-
-    def compiler(self, topic: str) -> str:
-        """Name the estimator beside who commands, where its fit may change yet."""
-        name = f"{self.resolve_topic_name(topic).rpartition('/')[0]}/estimator_node"
-        there = {name, UNKNOWN} & {*publishers(self, "/diagnostics")}
-        changes = self.fits.get(name, "being compiled").endswith("being compiled")
-        return name if there and changes else ""
 
     def on_leader(self, message: Odometry) -> None:
         """Place a follower without a leader of its own behind the one whose odometry comes."""
@@ -145,40 +151,60 @@ class VehiclesNode(Node):
             self.place_follower(self.model(position, pitch, yaw))
             self.diagnostics.warn("")
 
-    def on_command(self, topic: str, message: TwistStamped) -> None:
-        """Take a command; the leader sets off once every follower has had one."""
+    def on_command(self, space: str, message: TwistStamped) -> None:
+        """Take a follower's command; the leader sets off once every follower has had one."""
         with self.diagnostics.refusing("cmd_vel"):
-            self.command = twist_from_message(message)
-            self.commanded = self.get_clock().now()
-            if self.vehicles and topic in self.awaited:
-                self.awaited[topic] = self.compiler(topic) if "leader" in self.vehicles else ""
-                if not self.awaited[topic]:
-                    del self.awaited[topic]
-                self.warn_of_waiting()
-                if not self.awaited:
-                    self.path_s = 0.0
-                    for vehicle in self.vehicles.values():
-                        vehicle.t_s = 0.0  # one clock of the sea, however long the leader waited
+            self.helms["follower"].take(message)
+            if self.vehicles and self.path_s is None:
+                if "leader" not in self.vehicles or self.waiting.on_command(space):
+                    self.set_off()
+                else:
+                    self.diagnostics.warn(self.waiting.text)
             self.diagnostics.answer()
+
+    def on_leader_command(self, message: TwistStamped) -> None:
+        """Take a command of the leader, which leaves its path, or sets off, by the first."""
+        with self.diagnostics.refusing("leader/cmd_vel"):
+            self.helms["leader"].take(message)
+            self.on_path = False
+            if self.path_s is None:
+                self.set_off()
+            self.diagnostics.answer()
+
+    def set_off(self) -> None:
+        """Let the leader set off, and the sea move."""
+        self.path_s = 0.0
+        for vehicle in self.vehicles.values():
+            vehicle.t_s = 0.0  # one clock of the sea, however long the leader waited
+        self.diagnostics.warn("")
 
     def on_timer(self) -> None:
         """Move the vehicles to the present and publish their odometry."""
-        now = self.get_clock().now()
-        if self.moved is None or now < self.moved:
-            self.moved = self.commanded = now  # the first tick, or a clock that was set back
-        step_s = (now - self.moved).nanoseconds * 1e-9
-        self.moved = now
-        if (now - self.commanded).nanoseconds * 1e-9 > self.parameters["command_timeout_s"]:
-            self.command = np.zeros(3), np.zeros(3)
+        step_s = self.step_s()
+        timeout_s = self.parameters["command_timeout_s"]
         if self.path_s is not None:  # until then the sea is still
             for vehicle in self.vehicles.values():
                 vehicle.sea = self.sea
-        if "leader" in self.vehicles and self.path_s is not None:
-            self.path_s = lead(self.vehicles["leader"], self.path_s, step_s)
+        if "leader" in self.vehicles:
+            if not self.on_path:
+                self.vehicles["leader"].step(*self.helms["leader"].command(timeout_s), step_s)
+            elif self.path_s is not None:
+                self.path_s = lead(self.vehicles["leader"], self.path_s, step_s, self.path)
         if "follower" in self.vehicles:
-            self.vehicles["follower"].step(*self.command, step_s)
+            self.vehicles["follower"].step(*self.helms["follower"].command(timeout_s), step_s)
+        stamp = self.get_clock().now()
         for name, vehicle in self.vehicles.items():
-            self.publish_odometry(name, vehicle, now)
+            self.publish_odometry(name, vehicle, stamp)
+
+    def step_s(self) -> float:
+        """Return the time since the last step; 0 at the first, and where the clock jumped."""
+        now = self.clock.now()
+        step_s = 0.0 if self.moved is None else (now - self.moved).nanoseconds * 1e-9
+        self.moved = now
+        if 0 <= step_s <= self.pause_s:
+            return step_s
+        self.diagnostics.refuse(f"paused: a step of {step_s:.3g} s, and the vehicles stayed")
+        return 0.0
 
     def publish_odometry(self, name: str, vehicle: Vehicle, now: Time) -> None:
         """Publish one vehicle's pose and velocity."""

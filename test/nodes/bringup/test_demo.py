@@ -52,6 +52,18 @@ def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
     assert [pose[0] for pose in record.truth.values()] == [-3, -4, -5, -6]
 
 
+def test_the_run_of_a_leader_that_stands_begins_once(lab):
+    lab.begin()
+    record = FollowRecord((-6.0, 0.0, 0.0))
+    recorder = RecorderNode(record, load_scene("follow"), "leader/odometry")
+    lab.nodes.append(recorder)
+    for tenths in range(1, 7):
+        if tenths in (3, 5):
+            recorder.start(tenths * 10**8)
+        recorder.on_leader(odometry(tenths * 10**8, [1.0, 0.0, 0.0]))
+    assert list(record.leader_path) == pytest.approx([0.0, 0.1, 0.2, 0.3])
+
+
 def test_a_run_beside_another_is_refused_and_says_how_to_separate_them(lab, tmp_path):
     lab.begin()
     lab.talk(TwistStamped, "cmd_vel")  # of a pilot, or of another demonstration

@@ -257,6 +257,8 @@ def without_viewers():
         ("follow", "station:=[a,0,0]", ("'a' is not a number", "from -50 to 50 m\n")),
         ("follow", "params_file:=/nowhere/p.yaml", ("/nowhere/p.yaml: no such file",)),
         ("follow", "scene:=nosuch", ("nosuch", "reference")),
+        ("follow", "leader_path:=zigzags", ("'zigzags' is no ready path", "mean zigzag?")),
+        ("formation", "leader_path:=x.csv", ("'x.csv' is no ready path and no file",)),
         ("follow", "demo:=maybe", ("demo", "maybe", "'true'", "'false'")),
         ("formation", "followers:=0", ("followers: 0",)),
         ("formation", "followers:=x", ("followers: 'x' is not a whole number", "1 to 4 in a ch")),

@@ -201,6 +201,7 @@ BAD_STARTS = [
     ("formation_node", "station_m:=[-0.4,0.0,0.0]", ("-0.4", "from -50 to -0.5 m")),
     ("formation_node", "min_distance_m:=8.0", ("8", "4.5 m from the lamp", "move station_m")),
     ("vehicles_node", "command_timeout_s:=.inf", ("inf", "from 0.05 to 60 s")),
+    ("vehicles_node", "leader_path:=zigzags", ("'zigzags' is no ready path", "mean zigzag?")),
 ]
 
 

@@ -37,7 +37,7 @@ from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 from uuv_optical_array.recording.bag import RUN, BagWriter
 
-START_S = 15.0  # how long the leader may wait for the follower to see it, once fits are compiled
+START_S = 15.0  # how long the leader may wait for a follower that neither compiles nor searches
 DISCOVERY_S = 2.0  # in which the nodes of another run are found
 DEPTH = 100  # reliable and deep: what is recorded should lack nothing
 
@@ -63,10 +63,15 @@ class RecorderNode(Node):
         if self.started_ns is not None and stamp >= self.started_ns:
             series[(stamp - self.started_ns) * 1e-9] = value
 
+    def start(self, stamp_ns: int) -> None:
+        """Begin at a time, unless it has begun."""
+        if self.started_ns is None:
+            self.started_ns = stamp_ns
+
     def on_leader(self, message: Odometry) -> None:
         """Record the leader's position."""
-        if self.started_ns is None and message.twist.twist != Twist():
-            self.started_ns = stamp_ns(message.header)
+        if message.twist.twist != Twist():
+            self.start(stamp_ns(message.header))
         self.add(self.record.leader_path, message.header, odometry_pose(message)[0])
 
     def on_follower(self, message: Odometry) -> None:
@@ -198,13 +203,15 @@ def follow(
         def wanted() -> bool:
             nonlocal ready_ns
             if first.started_ns is None:
-                if any(fit.endswith("being compiled") for fit in vehicles.fits.values()):
+                if vehicles.waiting.busy:
                     ready_ns = clock.now().nanoseconds
                 return elapsed_s(ready_ns) < START_S
             return elapsed_s(first.started_ns) < duration_s
 
         def tick() -> None:
             for recorder in recorders:
+                if vehicles.path_s is not None:  # a path may begin at rest
+                    recorder.start(clock.now().nanoseconds)
                 for topic in map(recorder.resolve_topic_name, RUN):
                     text = several_publishers(recorder, topic)
                     if text and UNKNOWN not in text:

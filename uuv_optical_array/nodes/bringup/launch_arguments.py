@@ -11,6 +11,7 @@ from uuv_optical_array.core.storage.files import PACKAGE
 LEVELS = "debug", "info", "warn", "error", "fatal"
 YES, NO = ("true", "True", "1"), ("false", "False", "0")
 SCENE = "ready scene's name or YAML file"
+LEADER_PATH = "", "that the demo leader swims: a ready path's name or a CSV file"
 COMMON = {
     "params_file": ("", "your parameters; others keep their default"),
     "use_sim_time": ("", "use simulated time, from /clock"),
@@ -35,6 +36,7 @@ FOLLOW = {
         "a follower",
     ),
     "followers": ("1", "that a leader alone waits for"),
+    "leader_path": LEADER_PATH,
     "station": ("", "of the follower, [x, y, z] in the lamp's frame, m"),
     "record": ("false", "record the run by rosbag2, as MCAP"),
     "bag": ("", "new folder of the record; else named by the time"),
@@ -53,6 +55,7 @@ FORMATION = {
     "followers": ("3", "how many followers"),
     "chain": ("true", "the third and later ones are lit by a follower ahead, not the leader"),
     "namespace": ("", "of the whole formation"),
+    "leader_path": LEADER_PATH,
     **EACH,
 }
 SWITCHES = {"chain", "demo", "rviz", "publish_tf", "record", "use_sim_time", "use_respawn"}

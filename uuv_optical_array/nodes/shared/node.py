@@ -11,6 +11,7 @@ from typing import Any
 
 import rclpy
 from geometry_msgs.msg import Pose, TransformStamped
+from rclpy.clock import Clock, ClockType  # type: ignore[attr-defined]
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -67,14 +68,19 @@ def publish(node: Any, message_type: type, topic: str, qos: QoSProfile = USUAL) 
 
 
 def subscribe(
-    node: Any, message_type: type, topic: str, callback: Callable[[Any], None], newest: bool = False
+    node: Any,
+    message_type: type,
+    topic: str,
+    callback: Callable[[Any], None],
+    newest: bool = False,
+    qos: QoSProfile = qos_profile_sensor_data,
 ) -> Subscription:
-    """Create a subscription with sensor-data QoS that parameters can override.
+    """Create a subscription, with sensor-data QoS unless `LASTING`, that parameters can override.
 
     The node's ``diagnostics`` tell where the topic has more than one publisher. With `newest` only
     the newest of the messages that wait, in a longer queue, is served, and the others are counted.
     """
-    take, qos = callback, qos_profile_sensor_data
+    take = callback
     if newest:
         node.diagnostics.pass_over(0)
         qos = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -101,6 +107,16 @@ def subscribe(
     subscription = node.create_subscription(message_type, topic, take, copy(qos), **OVERRIDABLE)
     node.diagnostics.watch(subscription.topic_name)
     return subscription
+
+
+def steady_clock(node: Node) -> Clock:
+    """Return the clock of what controls or moves: no other hand sets it.
+
+    It is that of the machine's uptime, or the simulated one where the node uses simulated time.
+    """
+    if node.get_parameter("use_sim_time").value:
+        return node.get_clock()
+    return Clock(clock_type=ClockType.STEADY_TIME)
 
 
 def transform_publisher(

@@ -55,6 +55,7 @@ REFUSALS = {
     "no leader": "Check `leader/odometry`.",
     "no leader pose at the follower's stamp": "Raise `max_gap_s`; use one clock for both.",
     "frames differ": "Publish both in one frame.",
+    "paused": "Look who sets the simulated clock, or for load. It goes on by itself.",
 }
 
 # Lasting conditions that prevent answers or make them worse. WARN.

@@ -82,6 +82,11 @@ class Pipeline:
         if self.tracker is not None:
             self.tracker.command(stamp_ns, [*linear, *angular[1:]])
 
+    def range(self, stamp_ns: int, range_m: float, std_m: float) -> None:
+        """Tell the tracker a range from elsewhere; arguments and errors of `Tracker.range`."""
+        if self.tracker is not None:
+            self.tracker.range(stamp_ns, range_m, std_m)
+
     def check(self, image: Array) -> None:
         """Raise NoPose for an image, ``(side, side)``, without a lamp or the same as before."""
         self.estimator.check_shape(image)

@@ -29,7 +29,7 @@ from uuv_optical_array.estimation.tracking.belief import (
 from uuv_optical_array.estimation.tracking.keyframes import BiasFit, Keyframe, Keyframes
 from uuv_optical_array.estimation.tracking.measurement import Measurement, checked_readings
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.track import POSE
+from uuv_optical_array.estimation.tracking.track import POSE, RangeUse
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordinates
 from uuv_optical_array.forward.prior import shade_doubt
@@ -53,11 +53,12 @@ MOST_SURPRISING = 2.0
 
 
 class Belief(NamedTuple):
-    """After a frame: pose and rate given the biases, these, and the keyframes that teach them."""
+    """Pose and rate given the biases, these, the keyframes that teach them, and the last range."""
 
     motion: Motion
     biases: Biases
     keyframes: Keyframes
+    range: RangeUse | None = None
 
 
 class Deferred:
@@ -134,7 +135,7 @@ class Correction:
         return result._replace(distance=distance)
 
     def _by_pose(self, belief: Belief, frame: Measurement) -> Corrected:
-        motion, biases, _ = belief
+        motion, biases = belief[:2]
         root, slopes = self.pose_errors(biases, frame)
         innovation = wrapped(frame.pose - motion.mean[POSE])
         white = solve_triangular(root, np.column_stack([innovation, np.eye(5), slopes]), lower=True)
@@ -175,7 +176,8 @@ class Correction:
                 keyframes, found = self.fit.fitted(keyframes, keyframe)
                 learnt = self._space.replaced(biases, found)
             mean = after.mean + after.slopes @ (learnt.mean - biases.mean)
-            return Belief(self._curved(after._replace(mean=mean), learnt), learnt, keyframes)
+            curved = self._curved(after._replace(mean=mean), learnt)
+            return Belief(curved, learnt, keyframes, belief.range)
 
         return Corrected(Deferred(finished), distance, cost)
 

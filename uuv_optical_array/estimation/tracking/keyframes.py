@@ -29,6 +29,7 @@ from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import Biases, BiasSpace
 from uuv_optical_array.estimation.tracking.measurement import Measurement
+from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS
 from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordinates
 
 EVERY_S = 0.09  # between keyframes, at first: ten a second, of stamps that vary a little
@@ -67,12 +68,23 @@ class Keyframes(NamedTuple):
     - every_s: least time between them, s.
     - frames: from the oldest to the newest.
     - squares: of each, products of its residuals and their slopes by biases, ``(1 + k, 1 + k)``.
+    - ranges: the same of ranges, at biases of 0; ``ranged_ns``: stamp of the newest, ns.
     """
 
     biases: Array
     every_s: float
     frames: tuple[Keyframe, ...]
     squares: tuple[Array, ...]
+    ranges: Array
+    ranged_ns: int = LONG_AGO_NS
+
+    def ranged(self, stamp_ns: int, says: Array, kept: float) -> "Keyframes":
+        """Return them with a range, and of older ranges so much, a share.
+
+        - says: residual at biases of 0 and slopes by the biases, of variance 1, ``(1 + k,)``.
+        """
+        ranges = kept * self.ranges + np.outer(says, says)
+        return self._replace(ranges=ranges, ranged_ns=stamp_ns)
 
     def want(self, frame: Measurement, expected: Array) -> bool:
         """Say whether a frame is to be a keyframe, whose pose was expected there, m and rad."""
@@ -93,11 +105,12 @@ class BiasFit:
 
     def prior(self) -> Keyframes:
         """Return that there is no keyframe yet."""
-        return Keyframes(np.zeros(self._space.learnt), EVERY_S, (), ())
+        k = self._space.learnt
+        return Keyframes(np.zeros(k), EVERY_S, (), (), np.zeros((1 + k, 1 + k)))
 
     def fitted(self, keyframes: Keyframes, frame: Keyframe) -> tuple[Keyframes, Biases]:
         """Return keyframes with one more, and the biases that fit them, at its stamp."""
-        biases, every_s, frames, squares = keyframes
+        biases, every_s, frames, squares, *_ = keyframes
         (newest,), count = self._squares((frame,), biases)
         oldest_ns = frame.stamp_ns - self._memory_ns
         first = bisect_left(frames, oldest_ns, key=lambda each: each.stamp_ns)
@@ -105,7 +118,11 @@ class BiasFit:
         frames, squares = (*frames[first:], frame), (*squares[first:], newest)
         if len(frames) > max(MOST_READINGS // count, 1):
             every_s, frames, squares = 2 * every_s, frames[::-2][::-1], squares[::-2][::-1]
-        fit = Keyframes(biases, every_s, frames, squares)
+        fit = keyframes._replace(every_s=every_s, frames=frames, squares=squares)
+        return self.solved(fit, frame.stamp_ns)
+
+    def solved(self, fit: Keyframes, stamp_ns: int) -> tuple[Keyframes, Biases]:
+        """Return keyframes linear near the biases that fit them, and these biases, at a stamp."""
         step, root, size = _step(fit)
         untaken: Array = np.zeros_like(step)
         if size * np.linalg.norm(step) > LINEAR:
@@ -119,8 +136,10 @@ class BiasFit:
                 untaken, step = step, untaken
         inverse = lapack.dpotri(root, lower=1)[0]
         covariance = np.tril(inverse) + np.tril(inverse, -1).T + np.outer(untaken, untaken)
-        ages_s = [(frame.stamp_ns - each.stamp_ns) * 1e-9 for each in fit.frames]
-        told = [each.trace() - each[0, 0] for each in fit.squares]  # how much each says
+        stamps_ns = [*(each.stamp_ns for each in fit.frames), fit.ranged_ns]
+        ages_s = [(stamp_ns - each_ns) * 1e-9 for each_ns in stamps_ns]
+        # How much each says.
+        told = [each.trace() - each[0, 0] for each in (*fit.squares, fit.ranges)]
         age_s = float(np.average(ages_s, weights=told)) if any(told) else 0.0
         return fit, self._space.drifted(Biases(fit.biases + step, covariance), age_s)
 
@@ -150,7 +169,9 @@ class BiasFit:
 
 def _step(keyframes: Keyframes) -> tuple[Array, Array, float]:
     """Return Gauss and Newton's step, the lower root of the information, and the step by that."""
-    squares = np.sum(keyframes.squares, axis=0)
+    at = np.eye(len(keyframes.ranges))
+    at[1:, 0] = -keyframes.biases
+    squares = np.sum((*keyframes.squares, at.T @ keyframes.ranges @ at), axis=0)
     root = lapack.dpotrf(np.eye(len(squares) - 1) + squares[1:, 1:], lower=1)[0]
     step, _ = lapack.dpotrs(root, squares[1:, 0] - keyframes.biases, lower=1)
     return step, root, float(np.linalg.norm(root.T @ step))

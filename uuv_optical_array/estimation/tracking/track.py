@@ -36,6 +36,21 @@ class Learnt(NamedTuple):
     std: float
 
 
+class RangeUse(NamedTuple):
+    """What a track made of a range.
+
+    - stamp_ns: of the range, ns.
+    - off_m: by how much it was longer than the track had it, m.
+    - std_m: standard deviation to expect of that, m.
+    - refused: how many in a row were beyond the gate, up to this one; 0 where it was used.
+    """
+
+    stamp_ns: int
+    off_m: float
+    std_m: float
+    refused: int
+
+
 @dataclass(frozen=True)
 class Track:
     """The filtered pose and its rate at one instant.
@@ -65,6 +80,8 @@ class Track:
         where they may be. The covariance then says that next to nothing is known of the pose.
     turn
         Covariance of the roll with the pose, and its variance, ``(6,)``; ``None`` by one lamp.
+    range
+        What was made of the newest range in the track; ``None`` where there is none.
     """
 
     stamp_ns: int
@@ -78,6 +95,7 @@ class Track:
     own_motion: OwnMotionIs = "not told"
     mismatch: str = ""
     turn: Array | None = None
+    range: RangeUse | None = None
 
     @property
     def covariance(self) -> Array:

@@ -25,7 +25,7 @@ which then knows nothing of the constants.
 """
 
 import math
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -58,6 +58,12 @@ from uuv_optical_array.estimation.tracking.motion import (
     OwnMotion,
     in_beacon,
     walk_noise,
+)
+from uuv_optical_array.estimation.tracking.ranges import (
+    MOST_BEFORE_NS,
+    Range,
+    Ranging,
+    checked_range,
 )
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import (
@@ -92,6 +98,9 @@ class _State:
     outlier: float = 0.0  # distance of the newest frame of all, where that is one
 
 
+_Entry = tuple[Measurement, _State]
+
+
 class Tracker:
     """Filter frames in the order of their stamps, in whatever order they come.
 
@@ -100,7 +109,8 @@ class Tracker:
 
     def __init__(self, settings: TrackerSettings, constants: Constants | None = None) -> None:
         # Frames of the buffer and the last one before it, by stamp, each with the state after it.
-        self._history: list[tuple[Measurement, _State]] = []
+        self._history: list[_Entry] = []
+        self._ranges: list[Range] = []  # from the oldest to the newest
         self._previous: _State | None = None  # the last state of the track before this one
         self._own_motion = OwnMotion()
         self._tested_ns = LONG_AGO_NS  # stamp of the newest frame that was tested for a mismatch
@@ -116,6 +126,8 @@ class Tracker:
         self._space = BiasSpace(c, s.constants_hold_s)
         self._residuals = LastingResiduals(c)
         self._correction = Correction(self._space, c, s, self._gate)
+        range_gate = math.sqrt(chdtri(1, 1 - s.gate_probability))
+        self._ranging = Ranging(self._space, self._correction.fit, range_gate)
 
     def command(self, stamp_ns: int, twist: ArrayLike) -> None:
         """Take the follower's own motion, which carries the pose on until the next command.
@@ -177,29 +189,59 @@ class Tracker:
                 newest_ns,
             )
         place = bisect_left(history, stamp_ns, key=_stamp)
-        history, late = history[:place], history[place:]
-        if late and _stamp(late[0]) == stamp_ns:
+        if history[place:] and _stamp(history[place]) == stamp_ns:
             raise StampRefused(f"repeated stamp: {stamp_ns} ns is in the track already", newest_ns)
-        for measurement in (frame, *(entry[0] for entry in late)):
-            before = history[-1][1] if history else None
-            state = (
-                self._next(before, measurement) if before else self._start(measurement, previous)
-            )
-            history.append((measurement, state))
-        oldest = bisect_left(history, _stamp(history[-1]) - self._buffer_ns, key=_stamp)
-        self._history, self._previous = history[max(oldest - 1, 0) :], previous
+        history = self._replay(history, place, previous, frame)
         if distance := history[place][1].outlier:
             raise Outlier(
                 f"outlier: {distance:.3g} standard deviations off, more than {self._gate:.3g}"
             )
         return _stamp(history[-1])
 
+    def range(self, stamp_ns: int, range_m: float, std_m: float) -> None:
+        """Take a range from elsewhere; it enters with the first frame that is not older.
+
+        One that comes after that frame is put in its place, and frames are replayed. Alone it
+        neither starts a track nor keeps one; `Track.range` says what was made of it.
+
+        - stamp_ns: when it was that, ns.
+        - range_m: from the lamp to the follower's ``base_link``, m, > 0.
+        - std_m: its standard deviation, m, > 0.
+        - StampRefused: for one older than the buffer, of the stamp of another, or more than
+          ``reset_after_s`` newer than the newest frame.
+        - ValueError: for numbers out of bounds.
+        """
+        measured, s = checked_range(stamp_ns, range_m, std_m), self._settings
+        if not self._history:
+            raise StampRefused("range without light: there is no frame yet", stamp_ns)
+        newest_ns = _stamp(self._history[-1])
+        ahead_s = (stamp_ns - newest_ns) * 1e-9
+        if newest_ns - stamp_ns > self._buffer_ns:
+            raise StampRefused(
+                f"late range: {-ahead_s:.3f} s older than the newest frame, more than "
+                f"buffer_s {s.buffer_s:g}",
+                newest_ns,
+            )
+        if stamp_ns - newest_ns > self._reset_ns:
+            raise StampRefused(
+                f"range without light: {ahead_s:.3f} s newer than the newest frame, more than "
+                f"reset_after_s {s.reset_after_s:g}",
+                newest_ns,
+            )
+        place = bisect_left(self._ranges, stamp_ns, key=_stamp)
+        if self._ranges[place:] and _stamp(self._ranges[place]) == stamp_ns:
+            raise StampRefused(f"repeated range: {stamp_ns} ns is that of another", newest_ns)
+        self._ranges.insert(place, measured)
+        place = bisect_left(self._history, stamp_ns, key=_stamp)
+        if place < len(self._history):
+            self._replay(self._history, place, self._previous)
+
     def track(self) -> Track:
         """Return the track at the newest frame in it; NoPose where there is none yet."""
         if not self._history:
             raise NoPose("no track: there is no frame yet")
         newest = self._history[-1][1]
-        stamp_ns, (motion, biases, _) = newest.frame.stamp_ns, newest.corrected()
+        stamp_ns, (motion, biases, _, ranged) = newest.frame.stamp_ns, newest.corrected()
         mean, joint, names = motion.mean, motion.covariance(biases), self._constants.names
         offsets, spread = self._offsets(biases)
         learnt = map(Learnt, offsets.tolist(), np.sqrt(spread.diagonal()).tolist())
@@ -230,6 +272,7 @@ class Tracker:
             own_motion,
             mismatch,
             self._turn(motion, biases),
+            ranged,
         )
 
     def lost(self, stamp_ns: int) -> bool:
@@ -277,6 +320,51 @@ class Tracker:
         roll = self._constants.names.index(ROLL)
         column = self._constants.stds[roll] * biases.covariance[:, roll]
         return np.array([*motion.slopes[POSE] @ column, self._constants.stds[roll] * column[roll]])
+
+    def _replay(
+        self, history: list[_Entry], place: int, previous: _State | None, *frames: Measurement
+    ) -> list[_Entry]:
+        """Return a history in which frames enter at a place, and keep what of it is not too old."""
+        history, late = history[:place], history[place:]
+        for frame in (*frames, *(entry[0] for entry in late)):
+            before = history[-1][1] if history else None
+            state = self._next(before, frame) if before else self._start(frame, previous)
+            history.append((frame, self._ranged(state, frame, before)))
+        newest_ns = _stamp(history[-1])
+        oldest = bisect_left(history, newest_ns - self._buffer_ns, key=_stamp)
+        self._history, self._previous = history[max(oldest - 1, 0) :], previous
+        first_ns = newest_ns - self._buffer_ns - MOST_BEFORE_NS
+        last_ns = newest_ns + self._reset_ns
+        self._ranges = [each for each in self._ranges if first_ns <= each.stamp_ns <= last_ns]
+        return history
+
+    def _ranged(self, state: _State, frame: Measurement, before: _State | None) -> _State:
+        """Return the state after a frame with the ranges since the one before."""
+        since_ns = frame.stamp_ns - MOST_BEFORE_NS
+        if before is not None:
+            since_ns = max(since_ns, before.frame.stamp_ns)
+        first, end = (
+            bisect_right(self._ranges, ns, key=_stamp) for ns in (since_ns, frame.stamp_ns)
+        )
+        ranges = self._ranges[first:end]
+        if not ranges or state.frame is not frame:  # which is an outlier
+            return state
+        common: Array = np.zeros((3, 3))
+        if frame.readings is None:
+            root, share = frame.root[:3], self._correction.common_share(frame)
+            common += share * (root @ root.T)
+
+        def ranged() -> Belief:
+            belief = state.corrected()
+            for each in ranges:
+                own: Array = np.zeros(5)
+                if state.own_motion == "told":
+                    own = self._own_motion.displacement(each.stamp_ns, frame.stamp_ns)
+                way = in_beacon(belief.motion.mean[POSE], own)[:3]
+                belief = self._ranging.correct(belief, each, frame.stamp_ns, way, common)
+            return belief
+
+        return replace(state, corrected=Deferred(ranged))
 
     def _next(self, state: _State, frame: Measurement) -> _State:
         """Return the state after a frame: in the track, in its rival, or in a new one."""
@@ -345,7 +433,7 @@ class Tracker:
         biases, rate = self._space.prior(), np.diag(RATE_STD)
         keyframes = self._correction.fit.prior()
         if before is not None:
-            _, biases, keyframes = before.corrected()
+            _, biases, keyframes, _ = before.corrected()
             biases = self._space.drifted(biases, (stamp_ns - before.frame.stamp_ns) * 1e-9)
         own_motion = self._own_motion_at(stamp_ns, before)
         if frame.readings is not None:
@@ -364,7 +452,7 @@ class Tracker:
 
     def _predicted(self, state: _State, stamp_ns: int, obeys: bool, manoeuvre: bool) -> Belief:
         """Return a belief at a later stamp, where the follower obeys its commands or does not."""
-        start_ns, (before, biases, keyframes) = state.frame.stamp_ns, state.corrected()
+        start_ns, (before, biases, keyframes, last) = state.frame.stamp_ns, state.corrected()
         step_s = (stamp_ns - start_ns) * 1e-9
         changes = [MANOEUVRE_STD] if manoeuvre else []
         if obeys != (state.own_motion == "told"):  # it is another rate
@@ -379,7 +467,7 @@ class Tracker:
             own = self._own_motion.displacement(start_ns, stamp_ns)
             mean[POSE] += in_beacon(before.mean[POSE], own)
         motion = Motion(wrapped(mean), triangular(np.hstack([root, *noise])), slopes)
-        return Belief(motion, self._space.drifted(biases, step_s), keyframes)
+        return Belief(motion, self._space.drifted(biases, step_s), keyframes, last)
 
     def _commanded(self, stamp_ns: int) -> bool:
         """Say whether there is a command of a stamp that is not too old."""
@@ -399,5 +487,5 @@ class Tracker:
         return "told" if obeys else "contradicted"
 
 
-def _stamp(entry: tuple[Measurement, _State]) -> int:
-    return entry[0].stamp_ns
+def _stamp(entry: _Entry | Range) -> int:
+    return entry.stamp_ns if isinstance(entry, Range) else entry[0].stamp_ns

@@ -145,6 +145,8 @@ class BiasFit:
 
     def _at(self, keyframes: Keyframes, biases: Array) -> Keyframes:
         """Return keyframes linearised at biases."""
+        if not keyframes.frames:  # ranges are linear everywhere
+            return keyframes._replace(biases=biases)
         squares, _ = self._squares(keyframes.frames, biases)
         return keyframes._replace(biases=biases, squares=tuple(squares))
 

@@ -116,6 +116,7 @@ VALUES = (
         "obey, or it is not in m/s and rad/s along its own axes; if that lasts, set "
         "`use_commands` to false",
     ),
+    ("`range`", "estimator", "by how much the last range differed, and whether it is used"),
     ("`learnt_...`", "estimator", "what the track has learnt of a constant"),
     ("`scene_...`", "estimator", "what to write into the scene, as the sea differs"),
 )
@@ -316,8 +317,9 @@ def topics() -> list[str]:
         "`skewness_horizontal` and `skewness_vertical`, and none without light. "
         "`relative_pose` is the follower's `base_link` in the leader's `beacon`, by one image, "
         "`relative_odometry` the track of many, `leader_pose` the lamp in the follower's "
-        "`base_frame`. `use_image`, `use_commands` and `use_imu` let `estimator_node` take "
-        "`array/image`, `cmd_vel` and `imu`. `markers` are beam and body by one node, the station "
+        "`base_frame`. `use_image`, `use_commands`, `use_imu` and `use_range` let "
+        "`estimator_node` take `array/image`, `cmd_vel`, `imu` and `range`, the distance from the "
+        "lamp to the follower's `base_link`. `markers` are beam and body by one node, the station "
         "by the other, for RViz. A demonstration's leader hears `/diagnostics`, sets off by the "
         "followers' `cmd_vel` and `follow_state`, and obeys `leader/cmd_vel`. "
         "`formation_node` has the service `~/engage` (std_srvs/SetBool).",

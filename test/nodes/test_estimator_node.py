@@ -1,6 +1,8 @@
 """The estimator node: the core's pose, its track, or the reason why there is none."""
 
 import itertools
+import math
+import re
 import sys
 
 import numpy as np
@@ -13,7 +15,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.parameter import Parameter
 from scenes import changed
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, Range
 from std_msgs.msg import Header
 from tables import write_table
 
@@ -21,6 +23,7 @@ from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.signature.features import FeatureSettings, key_parameters
 from uuv_optical_array.estimation.signature_table import build_table
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses
@@ -159,9 +162,9 @@ def test_without_tf2_msgs_the_node_warns_and_works(lab, scene_file, signatures, 
     asker.ask(signatures[0], 1)
 
 
-@pytest.mark.parametrize("used", [(), ("image",), ("imu",), ("commands",)])
+@pytest.mark.parametrize("used", [(), ("image",), ("imu",), ("commands",), ("range",)])
 def test_the_node_subscribes_to_what_it_is_to_use(lab, scene_file, used):
-    names = {"image": "/array/image", "imu": "/imu", "commands": "/cmd_vel"}
+    names = {"image": "/array/image", "imu": "/imu", "commands": "/cmd_vel", "range": "/range"}
     uses = {f"use_{name}": name in used for name in names}
     asker = Asker(lab, scene_file, **uses)
     topics = {ear.topic_name for ear in asker.node.subscriptions}
@@ -274,6 +277,85 @@ def test_a_late_frame_enters_the_track_and_an_outlier_does_not(tracked, scene):
     tracked.lab.report(tracked.node, WARN, "outlier", "standard deviations off")
     tracked.show(model.expose(HERE, rng), 6)
     assert tracked.seconds_answered() == [1, 2, 4, 6]
+
+
+class Sounder:
+    """Sends ranges to a node that fits and tracks."""
+
+    def __init__(self, lab, scene_file, scene):
+        given = {"use_range": True, "range_std_m": 0.05, "buffer_s": 5.0}
+        on_range, self.heard = EstimatorNode.on_range, []
+
+        def heard(node, message):
+            on_range(node, message)
+            self.heard.append(message)
+
+        lab.patch.setattr(EstimatorNode, "on_range", heard)
+        self.shower = Shower(lab, scene_file, scene, method="least_squares", tracking=True, **given)
+        self.lab, self.node = lab, self.shower.node
+        self.talker = lab.talk(Range, "range")
+        lab.connect()
+
+    def sound(self, range_m, seconds, **fields):
+        header = Header(stamp=Time(sec=seconds, nanosec=9))
+        message = Range(header=header, range=range_m, max_range=50.0)
+        for name, value in fields.items():
+            setattr(message, name, value)
+        before = len(self.heard)
+        self.talker.publish(message)
+        self.lab.until(lambda: len(self.heard) > before, "the range to arrive")
+
+
+@pytest.fixture
+def sounder(lab, scene_file, scene, compiled_fit):
+    return Sounder(lab, scene_file, scene)
+
+
+def test_ranges_enter_the_track_at_their_stamps_with_their_variance_or_the_parameters(
+    sounder, scene, table
+):
+    rng, pipeline = np.random.default_rng(9), Pipeline(Estimator(table).wait())
+    pipeline.track_with(TrackerSettings(buffer_s=5.0))
+    measured = float(np.float32(np.linalg.norm(HERE[:3]) + 0.1))
+    variance = {"variance": 0.04} if hasattr(Range(), "variance") else {}
+    stds = {2: 0.05, 3: math.sqrt(np.float32(0.04)) if variance else 0.05}
+    for seconds in range(1, 5):
+        image = ForwardModel(scene).expose(HERE, rng)
+        if seconds in stds:
+            sounder.sound(measured, seconds, **(variance if seconds == 3 else {}))
+            pipeline.range(seconds * 10**9 + 9, measured, stds[seconds])
+        sounder.shower.show(image, seconds)
+        answer = pipeline.answer(seconds * 10**9 + 9, image)
+        assert_is(sounder.shower.track(seconds), answer.track)
+    assert answer.track.range.stamp_ns == 3 * 10**9 + 9
+    values = dict(figures(sounder.lab.report(sounder.node, OK)))
+    assert re.fullmatch(r"[+-]0.\d\d m off the track, \d.\d standard .*; used", values["range"])
+
+
+def test_false_ranges_and_those_of_another_time_change_no_track_and_are_told(sounder, scene, table):
+    rng, pipeline = np.random.default_rng(9), Pipeline(Estimator(table).wait())
+    right, now = float(np.linalg.norm(HERE[:3])), sounder.node.get_clock().now().seconds_nanoseconds
+    cases = [
+        (dict(range_m=right, seconds=94), "range, late range", "more than buffer_s 5"),
+        (dict(range_m=right + 3.0, seconds=102), "false range", "standard deviations; refused"),
+        (dict(range_m=math.nan, seconds=103), "range, not finite", "nan"),
+        (dict(range_m=-2.0, seconds=104), "range, out of bounds", "-2 m, not within", "0 to 50"),
+        (dict(range_m=51.0, seconds=105), "range, out of bounds", "51 m, not within", "0 to 50"),
+        (dict(range_m=0.0, seconds=106), "range, range: 0 m; give from 0.001"),
+        (dict(range_m=right, seconds=now()[0] + 9), "range, stamp ahead"),
+    ]
+    if hasattr(Range(), "variance"):
+        cases.append((dict(range_m=right, seconds=109, variance=-1.0), "out of bounds", "-1 m^2"))
+    sounder.shower.show(ForwardModel(scene).expose(HERE, rng), 100)
+    for seconds, (sent, *words) in enumerate(cases, start=101):
+        sounder.sound(**sent)
+        sounder.shower.show(ForwardModel(scene).expose(HERE, rng), seconds)
+        sounder.lab.report(sounder.node, WARN, *words)
+    rng = np.random.default_rng(9)
+    pipeline.track_with(TrackerSettings(buffer_s=5.0))
+    for seconds in range(100, 101 + len(cases)):
+        answer = pipeline.answer(seconds * 10**9 + 9, ForwardModel(scene).expose(HERE, rng))
+    assert_is(sounder.shower.track(seconds), answer.track)
 
 
 @pytest.mark.parametrize(

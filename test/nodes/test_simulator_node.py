@@ -1,5 +1,7 @@
 """The simulator node: the image that the core exposes, for poses composed with SciPy."""
 
+import math
+
 import numpy as np
 import pytest
 from conftest import write_scene
@@ -7,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from odometries import time_of
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, Range
 from simulated_seas import ABREAST, BEACON, BEHIND, SEED, Sea, odometry
 
 from uuv_optical_array.forward.model import ForwardModel
@@ -190,3 +192,25 @@ def test_a_lamp_is_switched_off_and_on_again_while_the_node_runs(lab):
     np.testing.assert_allclose(images[1][2] - black, (expected[1][2] - black) / 2, atol=10)
     with pytest.raises(ValueError, match="lamp_power: 2 values; give 1, or 3, one for each lamp"):
         sea.node.on_change({"lamp_power": [1.0, 0.0]})
+
+
+def test_ranges_are_distances_from_lamp_to_base_link_with_noise_at_their_rate_while_wanted(lab):
+    sea = Sea(lab, "follow", range_std_m=0.5, range_rate_hz=2.0)
+    ranges = lab.listen(Range, "range")
+    lab.connect()
+    lamp = np.array(BEACON)
+    for k in range(320):
+        seconds = 1 + k / 4
+        sea.look(seconds)
+        if k == 300:
+            assert lab.set(sea.node, "range_std_m", 0.0).successful
+    stamps = [message.header.stamp for message in ranges]
+    assert stamps == [time_of(10**9 + k * 10**9 // 2) for k in range(151)]
+    expected = np.linalg.norm(BEHIND[0] - lamp)
+    off = np.array([message.range for message in ranges]) - expected
+    assert abs(off.mean()) < 5 * 0.5 / math.sqrt(151)
+    assert abs(off.std() / 0.5 - 1) < 5 / math.sqrt(2 * 151)
+    for message in ranges:
+        assert message.header.frame_id == "rov/base_link"
+        assert message.min_range < message.range < message.max_range
+        assert getattr(message, "variance", 0.25) == 0.25

@@ -10,7 +10,7 @@ import numpy as np
 from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from sensor_msgs.msg import Image, Imu, PointCloud2
+from sensor_msgs.msg import Image, Imu, PointCloud2, Range
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
@@ -30,9 +30,10 @@ from uuv_optical_array.estimation.large_table import load_table
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.signature.plausibility import check_image
 from uuv_optical_array.estimation.signature_table import SignatureTable, grid_axes
+from uuv_optical_array.estimation.tracking.ranges import LEAST_M, MAX_STD_M
 from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.track import Track, relative_odometry
+from uuv_optical_array.estimation.tracking.track import RangeUse, Track, relative_odometry
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.nodes.shared import markers, messages
@@ -61,6 +62,10 @@ PARAMETERS = {
         ROLL_STD_RAD, Quantity("of the roll, from imu or taken as 0", "rad", 1e-6, 3)
     ),
     "use_commands": Parameter(True, Quantity("read the follower's own motion from cmd_vel"), True),
+    "use_range": Parameter(False, Quantity("read the distance to the lamp from range"), True),
+    "range_std_m": Parameter(
+        0.2, Quantity("of a range whose message has no variance", "m", LEAST_M, MAX_STD_M)
+    ),
     "tracking": Parameter(True, Quantity("filter the poses and learn constants")),
     **parameters_of(TrackerSettings),
     **shared("beacon_frame"),
@@ -104,7 +109,8 @@ class EstimatorNode(Node):
         self.scene = load_scene(self.parameters["scene"])
         self.model = ForwardModel(self.scene)
         self.extent = np.transpose([(axis[0], axis[-1]) for axis in grid_axes(self.scene.table)])
-        self.order = messages.StampOrder()
+        self.order, self.range_order = messages.StampOrder(), messages.StampOrder()
+        self.range_ns = 0  # stamp of the last range that the track refused
         self.rest: Callable[[], None] | None = None  # of the last frame, once its pose is out
         self.diagnostics = Diagnostics(self)
         self.waiting: dict[int, dict[str, Any]] = {}
@@ -131,6 +137,8 @@ class EstimatorNode(Node):
             subscribe(self, Imu, "imu", self.on_imu)
         if self.parameters["use_commands"]:
             subscribe(self, TwistStamped, "cmd_vel", self.on_command)
+        if self.parameters["use_range"]:
+            subscribe(self, Range, "range", self.on_range)
         # Last, as the middleware meanwhile finds who is at the other end of the topics.
         try:
             self.on_change({"table": self.parameters["table"]})
@@ -229,6 +237,14 @@ class EstimatorNode(Node):
             if self.pipeline is not None:
                 self.pipeline.command(stamp_ns(message.header), *command)
 
+    def on_range(self, message: Range) -> None:
+        """Tell the tracker how far the lamp is."""
+        with self.diagnostics.refusing("range"):
+            measured = messages.range_from_message(message, self.parameters["range_std_m"])
+            self.range_order.check(message.header, self.get_clock().now().nanoseconds)
+            if self.pipeline is not None:
+                self.pipeline.range(stamp_ns(message.header), *measured)
+
     def roll_at(self, header: Header) -> float:
         """Return the follower's roll when an image was taken, rad."""
         if not self.parameters["use_imu"]:
@@ -290,9 +306,16 @@ class EstimatorNode(Node):
             self.send_transform(header, self.child_frame, pose.pose.pose)
         if track is not None:
             self.publish_track(track, header, roll)
+            self.tell_of_range(track.range)
         self.diagnostics.answer(
             stamp_ns(header), lambda: self.figures(pipeline.estimator, estimate, track)
         )
+
+    def tell_of_range(self, use: RangeUse | None) -> None:
+        """Refuse a range that the track refused, once."""
+        if use is not None and use.refused and use.stamp_ns != self.range_ns:
+            self.range_ns = use.stamp_ns
+            self.diagnostics.refuse(f"false range: {words_of(use)}")
 
     def log_state_of_fit(self, estimator: Estimator) -> None:
         """Log how the fit runs, once for each change."""
@@ -321,6 +344,8 @@ class EstimatorNode(Node):
         shown |= figures(estimate)
         if track is not None:
             shown["own_motion"] = track.own_motion
+            if track.range is not None:
+                shown["range"] = words_of(track.range)
             for name, known in track.constants.items():
                 shown[f"learnt_{name}"] = f"{known.mean:+.3g} +- {known.std:.2g}"
             for change in scene_changes(self.model, estimator.constants, track.constants):
@@ -333,6 +358,13 @@ class EstimatorNode(Node):
         span = np.where(high > low, high - low, np.inf)  # an axis of one value has no edge
         inside = 1 - np.abs(2 * pose - low - high) / span
         return f"{inside.min():.2f} ({DOF_NAMES[inside.argmin()]})"
+
+
+def words_of(use: RangeUse) -> str:
+    """Say what the track made of a range."""
+    made = f"refused, {use.refused} in a row" if use.refused else "used"
+    stds = abs(use.off_m) / use.std_m
+    return f"{use.off_m:+.2f} m off the track, {stds:.1f} standard deviations; {made}"
 
 
 def figures(estimate: Estimate) -> dict[str, str]:

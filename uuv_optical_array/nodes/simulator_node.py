@@ -10,7 +10,7 @@ from geometry_msgs.msg import Pose
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, Range
 from std_msgs.msg import Header
 
 from uuv_optical_array.control.trajectory import TooEarly, Trajectory
@@ -36,6 +36,12 @@ PARAMETERS = {
     ),
     "code_by_vehicle": Parameter(
         True, Quantity("whether `demodulation` tells their lamps from the leader's"), True
+    ),
+    "range_std_m": Parameter(
+        0.0, Quantity("of the simulated range to the lamp; 0: there is none", "m", 0, 100)
+    ),
+    "range_rate_hz": Parameter(
+        1.0, Quantity("simulated ranges a second, at most one an image", "Hz", 0.01, 1000)
     ),
     "seed": Parameter(
         -1, Quantity("of the noise; -1: a new one at each start", "", -1, 2**31 - 1), True
@@ -67,6 +73,7 @@ class SimulatorNode(Node):
             )
         self.model = ForwardModel(scene)
         self.on_change({"lamp_power": self.parameters["lamp_power"]})
+        self.ranged_ns = -(2**62)  # stamp of the last range
         seed = self.parameters["seed"]
         self.rng = np.random.default_rng(None if seed < 0 else seed)
         self.leader = Trajectory(self.parameters["max_gap_s"])
@@ -79,6 +86,7 @@ class SimulatorNode(Node):
         self.order = messages.StampOrder()
         self.diagnostics = Diagnostics(self)
         self.images = publish(self, Image, "array/image")
+        self.ranges = publish(self, Range, "range")
         self.place = transform_publisher(self, self.parameters["publish_tf"], fixed=True)
         self.placed = ""
         subscribe(self, Odometry, "leader/odometry", self.on_leader)
@@ -88,7 +96,8 @@ class SimulatorNode(Node):
 
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over a parameter that was set while the node runs."""
-        self.powers = power_offsets(changes["lamp_power"], self.scene.lamp_count)
+        if "lamp_power" in changes:
+            self.powers = power_offsets(changes["lamp_power"], self.scene.lamp_count)
 
     def on_leader(self, message: Odometry) -> None:
         """Record the leader's pose and serve the follower poses that waited for it."""
@@ -157,12 +166,23 @@ class SimulatorNode(Node):
         frame = self.parameters.frame("array_frame") or f"{place}{slash}array"
         header = Header(stamp=follower.header.stamp, frame_id=frame)
         self.place_array(follower, frame)
+        self.measure_range(float(np.linalg.norm(pose[:3])), follower)
         wired = as_wired(image, self.scene.array.wiring)
         self.images.publish(messages.image_to_message(wired, header))
         if self.hand_over is not None:
             self.hand_over(header, pose)
         shown = {"peak_counts": f"{image.max():g}", "range_m": f"{-pose[0]:.2f}"}
         self.diagnostics.answer(stamp, lambda: shown)
+
+    def measure_range(self, range_m: float, follower: Odometry) -> None:
+        """Publish the distance from lamp to base_link, with noise, where the next one is due."""
+        stamp, std = stamp_ns(follower.header), self.parameters["range_std_m"]
+        due_ns = 0.999e9 / self.parameters["range_rate_hz"]  # stamps vary a little
+        if std > 0 and abs(stamp - self.ranged_ns) >= due_ns:  # clocks are set back, too
+            self.ranged_ns = stamp
+            header = Header(stamp=follower.header.stamp, frame_id=follower.child_frame_id)
+            measured = range_m + std * float(self.rng.standard_normal())
+            self.ranges.publish(messages.range_to_message(measured, std, header))
 
     def others_at(self, stamp: int, lamp_m: Place) -> list[Other]:
         """Return the other vehicles at an instant, ns, and report those of which nothing is known.

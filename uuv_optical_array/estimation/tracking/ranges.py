@@ -40,9 +40,10 @@ class Range(NamedTuple):
 
 def checked_range(stamp_ns: int, range_m: float, std_m: float) -> Range:
     """Return a range; ValueError for numbers out of bounds."""
-    for name, value, high in ("range", range_m, MAX_RANGE_M), ("range std", std_m, MAX_STD_M):
-        if not LEAST_M <= value <= high:
-            raise ValueError(f"{name}: {value:g} m; give from {LEAST_M:g} to {high:g} m")
+    if not LEAST_M <= range_m <= MAX_RANGE_M:
+        raise ValueError(f"range: {range_m:g} m; give from {LEAST_M:g} to {MAX_RANGE_M:g} m")
+    if not LEAST_M <= std_m <= MAX_STD_M:
+        raise ValueError(f"range std: {std_m:g} m; give from {LEAST_M:g} to {MAX_STD_M:g} m")
     return Range(stamp_ns, float(range_m), float(std_m))
 
 

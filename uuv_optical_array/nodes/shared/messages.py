@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Image, Imu, PointCloud2, PointField
+from sensor_msgs.msg import Image, Imu, PointCloud2, PointField, Range
 from std_msgs.msg import Header
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, pose_rate, rotation_matrix
@@ -32,6 +32,7 @@ from uuv_optical_array.nodes.shared.attitude import quaternion_xyzw, roll_pitch_
 
 _POINT_BYTES = 8 * len(FEATURE_NAMES)
 MAX_ROLL_VARIANCE = 1.0  # rad^2; a roll that is known no better is not known
+MAX_RANGE_M = 1000.0  # of simulated ranges
 MAX_COVARIANCE = 1e12  # beyond any sea, m^2, m rad or rad^2
 
 
@@ -243,6 +244,30 @@ def imu_roll(message: Imu) -> float:
         )
     roll, _, _ = roll_pitch_yaw(checked_quaternion(message.orientation))
     return roll
+
+
+def range_from_message(message: Range, usual_std: float) -> tuple[float, float]:
+    """Unpack a range and its standard deviation, m: the usual one where the message has none."""
+    measured, variance = message.range, getattr(message, "variance", 0.0)  # which Humble has not
+    if not math.isfinite(measured):
+        raise Refused(f"not finite: the range is {measured}")
+    if not 0 <= variance < math.inf:
+        raise Refused(f"out of bounds: the range's variance of {variance:g} m^2, not from 0")
+    if not message.min_range <= measured <= (message.max_range or math.inf):
+        raise Refused(
+            f"out of bounds: the range of {measured:g} m, not within its sensor's "
+            f"{message.min_range:g} to {message.max_range:g} m"
+        )
+    return measured, math.sqrt(variance) or usual_std
+
+
+def range_to_message(measured: float, std: float, header: Header) -> Range:
+    """Pack a range and its standard deviation, m, where the message has a place for it."""
+    message = Range(header=header, radiation_type=Range.ULTRASOUND, range=measured)
+    message.max_range = MAX_RANGE_M
+    if hasattr(message, "variance"):
+        message.variance = std**2
+    return message
 
 
 def twist_to_message(linear: Array, angular: Array, header: Header) -> TwistStamped:

@@ -51,6 +51,14 @@ REFUSALS = {
     "wrong field offsets": _DRIVER,
     "pose": _DRIVER,
     "covariance": _DRIVER,
+    "range": _DRIVER,
+    "range std": "Correct the range's variance, or `range_std_m`.",
+    "false range": (
+        "If it lasts, look for echoes and for a constant error of the sensor; see `learnt_...`."
+    ),
+    "late range": "Look for load and for clocks that differ, or raise `buffer_s`.",
+    "repeated range": "Let the sensor stamp each range; look for a second publisher on `range`.",
+    "range without light": "With light, look for clocks that differ.",
     "readings": "Report it with a bag.",
     "no leader": "Check `leader/odometry`.",
     "no leader pose at the follower's stamp": "Raise `max_gap_s`; use one clock for both.",

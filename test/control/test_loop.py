@@ -160,6 +160,24 @@ def test_a_silent_imu_leaves_no_pose_and_a_rolled_vehicle_its_roll(estimator):
     assert (known != estimator.estimate(image).pose).any()
 
 
+def test_a_sounder_tells_the_track_the_true_range_and_its_error_at_its_time(estimator):
+    sounded = []
+
+    def sounder(range_m, t_s):
+        sounded.append((range_m, t_s))
+        return (range_m + 0.01, 0.05) if t_s > 0.15 else None
+
+    loop = ClosedLoop(
+        agile(), [swimmer(estimator, Law(), sounder=sounder)], np.random.default_rng(1)
+    )
+    seen = [loop.step(0.1)[0] for _ in range(4)]
+    true = [(np.linalg.norm(one.true_pose[:3]), one.t_s) for one in seen]
+    np.testing.assert_allclose(sounded, true, rtol=1e-12)
+    assert seen[0].answer.track.range is None
+    stamps = [one.answer.track.range.stamp_ns for one in seen[1:]]
+    assert stamps == [round(one.t_s * 1e9) for one in seen[1:]]
+
+
 def test_clouds_are_those_of_the_scene_or_of_the_night_and_a_seed_draws_them():
     night = load_scene("night_plume")
     pose = np.array([-5.0, 0, 0, 0, 0])

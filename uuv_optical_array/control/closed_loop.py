@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
@@ -56,6 +57,9 @@ class Swimmer:
     imu
         Roll that its estimator is given of its true one, rad, and the time, s; ``None``: there is
         none, and so no pose.
+    sounder
+        Range from the lamp and its standard deviation, m, that its estimator is given of the true
+        one, m, and the time, s; ``None``: there is none then.
     """
 
     def __init__(
@@ -66,9 +70,11 @@ class Swimmer:
         light: Callable[[float], Light],
         ahead: int = 0,
         imu: Callable[[float, float], float | None] = lambda roll, t_s: 0.0,
+        sounder: Callable[[float, float], tuple[float, float] | None] = lambda range_m, t_s: None,
     ) -> None:
         self.vehicle, self.pipeline, self.following = vehicle, pipeline, following
         self.light, self.ahead, self.imu = light, ahead, imu
+        self.sounder = sounder
         self.command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
 
 
@@ -148,6 +154,10 @@ class ClosedLoop:
         lamp = self._ahead(swimmer).position, self._ahead(swimmer).rotation
         pose, roll = relative_pose(*lamp, vehicle.position, vehicle.rotation)
         image = self._image(swimmer, pose, roll)
+        sounded = swimmer.sounder(float(np.linalg.norm(pose[:3])), self.t_s)
+        if sounded is not None:
+            with suppress(NoPose, ValueError):  # without light, or no range at all
+                swimmer.pipeline.range(stamp_ns, *sounded)
         told = swimmer.imu(vehicle.roll, self.t_s)
         if told is None:
             answer = Answer(stamp_ns, None, None, "no roll: the IMU is silent")

@@ -20,7 +20,7 @@ from hypothesis.extra.numpy import arrays
 from nav_msgs.msg import Odometry
 from odometries import time_of
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import Image, Imu, PointCloud2, PointField
+from sensor_msgs.msg import Image, Imu, PointCloud2, PointField, Range
 from std_msgs.msg import Header
 
 from uuv_optical_array.core.messages import (
@@ -40,6 +40,8 @@ from uuv_optical_array.nodes.shared.messages import (
     imu_roll,
     not_finite,
     pose_from_message,
+    range_from_message,
+    range_to_message,
 )
 
 SIDE = 5
@@ -135,6 +137,10 @@ READ = {
     "covariance": (PoseWithCovarianceStamped, covariance_from_message),
     "twist": (TwistStamped, twist_from_message),
     "roll": (lambda: Imu(orientation=Quaternion(w=1.0)), imu_roll),
+    "range": (
+        lambda: Range(range=5.0, min_range=0.5, max_range=9.0),
+        lambda m: range_from_message(m, 0.2),
+    ),
 }
 FIELDS, QUATERNION = [field(i) for i in range(5)], "pose.pose.orientation"
 NO_COMPASS = {"orientation_covariance.8": 1e6}
@@ -158,6 +164,10 @@ REFUSED = [
     ("roll", {"orientation_covariance.0": -1.0}, "no orientation"),
     ("twist", {"twist.angular.y": -6.1}, r"out of bounds: twist .*-6\.1.*10 m/s and \+-6 rad"),
 ]
+for far in (0.4, 9.1, -5.0):
+    REFUSED.append(("range", {"range": far}, f"out of bounds: the range of {far:g} m, .* 0.5 to 9"))
+for variance in (-0.1, *BAD_NUMBERS) if hasattr(Range, "variance") else ():
+    REFUSED.append(("range", {"variance": variance}, "out of bounds: the range's variance of"))
 for variance in (1.1e12, -1e308):
     change = {"pose.covariance.8": variance}
     REFUSED.append(("covariance", change, "out of bounds: the pose's covariance"))
@@ -170,6 +180,7 @@ for kind in ("pose", "odometry"):
     for x, w in ((0.0, 0.0), (0.0, 2.0), (0.5, 0.5)):
         REFUSED.append((kind, {f"{QUATERNION}.x": x, f"{QUATERNION}.w": w}, "bad attitude"))
 for bad in BAD_NUMBERS:
+    REFUSED.append(("range", {"range": bad}, "not finite: the range is"))
     REFUSED.append(("cloud", {"data": struct.pack("<5d", 1, 2, bad, 4, 5)}, "not finite"))
     REFUSED.append(("covariance", {"pose.covariance.8": bad}, "not finite: the pose's covariance"))
     for kind, axis in itertools.product(("pose", "odometry"), "xyz"):
@@ -193,6 +204,13 @@ def test_what_is_at_its_bound_is_taken():
     unknown = put(PoseWithCovarianceStamped(), {"pose.covariance.35": 1e12})  # such as a roll
     assert covariance_from_message(unknown)[5, 5] == 1e12
     assert imu_roll(put(Imu(orientation=Quaternion(w=1.0)), NO_COMPASS)) == 0.0
+
+
+def test_a_range_has_its_own_variance_or_the_usual_one_and_no_bound_where_none_is_given():
+    assert range_from_message(Range(range=5.0), 0.2) == (5.0, 0.2)
+    sent = range_to_message(6.25, 0.5, header())
+    known = 0.5 if hasattr(Range, "variance") else 0.2
+    assert range_from_message(sent, 0.2) == (6.25, known)
 
 
 def test_an_attitude_off_unit_length_by_less_than_a_hundredth_is_normalised():

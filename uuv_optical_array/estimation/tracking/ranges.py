@@ -13,6 +13,7 @@ and so it is where a false range that passed the gate lets right ones fail it.
 """
 
 import math
+from bisect import bisect_left, bisect_right
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,8 @@ from uuv_optical_array.estimation.tracking.belief import BiasSpace, Motion, tria
 from uuv_optical_array.estimation.tracking.correction import Belief
 from uuv_optical_array.estimation.tracking.keyframes import BiasFit, Keyframes
 from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS
-from uuv_optical_array.estimation.tracking.track import RangeUse
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.track import RangeUse, StampRefused
 
 LEAST_M, MAX_RANGE_M, MAX_STD_M = 1e-3, 1e4, 1e3
 MOST_REFUSED = 5  # in a row, until what older ones taught is forgotten
@@ -45,6 +47,54 @@ def checked_range(stamp_ns: int, range_m: float, std_m: float) -> Range:
     if not LEAST_M <= std_m <= MAX_STD_M:
         raise ValueError(f"range std: {std_m:g} m; give from {LEAST_M:g} to {MAX_STD_M:g} m")
     return Range(stamp_ns, float(range_m), float(std_m))
+
+
+class Ranges:
+    """Ranges that wait for their frames, or that late frames may need, in order of stamps."""
+
+    def __init__(self, settings: TrackerSettings) -> None:
+        self._settings = settings
+        self._ranges: list[Range] = []
+
+    def add(self, measured: Range, newest_ns: int | None) -> None:
+        """Take a range while the newest frame has that stamp; refused as by `Tracker.range`."""
+        stamp_ns, s = measured.stamp_ns, self._settings
+        if newest_ns is None:
+            raise StampRefused("range without light: there is no frame yet", stamp_ns)
+        ahead_s = (stamp_ns - newest_ns) * 1e-9
+        if -ahead_s > s.buffer_s:
+            raise StampRefused(
+                f"late range: {-ahead_s:.3f} s older than the newest frame, more than "
+                f"buffer_s {s.buffer_s:g}",
+                newest_ns,
+            )
+        if ahead_s > s.reset_after_s:
+            raise StampRefused(
+                f"range without light: {ahead_s:.3f} s newer than the newest frame, more than "
+                f"reset_after_s {s.reset_after_s:g}",
+                newest_ns,
+            )
+        place = bisect_left(self._ranges, stamp_ns, key=_stamp)
+        if self._ranges[place:] and self._ranges[place].stamp_ns == stamp_ns:
+            raise StampRefused(f"repeated range: {stamp_ns} ns is that of another", newest_ns)
+        self._ranges.insert(place, measured)
+
+    def between(self, before_ns: int | None, stamp_ns: int) -> list[Range]:
+        """Return those of a frame's stamp or shortly before, but after the frame before it."""
+        since_ns = max(stamp_ns - MOST_BEFORE_NS, LONG_AGO_NS if before_ns is None else before_ns)
+        first, end = (bisect_right(self._ranges, at, key=_stamp) for at in (since_ns, stamp_ns))
+        return self._ranges[first:end]
+
+    def forget(self, newest_ns: int) -> None:
+        """Drop those that no frame needs, while the newest has that stamp."""
+        s = self._settings
+        first_ns = newest_ns - round(s.buffer_s * 1e9) - MOST_BEFORE_NS
+        last_ns = newest_ns + round(s.reset_after_s * 1e9)
+        self._ranges = [each for each in self._ranges if first_ns <= each.stamp_ns <= last_ns]
+
+
+def _stamp(measured: Range) -> int:
+    return measured.stamp_ns
 
 
 class Ranging:

@@ -15,6 +15,7 @@ A frame comes as a pose with its covariance, or with its readings, linearised (`
   readings takes them only of shaded frames, and otherwise goes on for a while without; one of poses
   begins anew with the first readings.
 - Readings also teach the constants and the detectors' gains, while the vehicles move (`keyframes`).
+- A range from elsewhere corrects what a frame says (`ranges`).
 
 The rate changes at random, and now and then at once: a frame that the usual motion hardly explains
 is weighed as the first after a manoeuvre, by its likelihood and the manoeuvre's prior probability
@@ -25,7 +26,7 @@ which then knows nothing of the constants.
 """
 
 import math
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -59,12 +60,7 @@ from uuv_optical_array.estimation.tracking.motion import (
     in_beacon,
     walk_noise,
 )
-from uuv_optical_array.estimation.tracking.ranges import (
-    MOST_BEFORE_NS,
-    Range,
-    Ranging,
-    checked_range,
-)
+from uuv_optical_array.estimation.tracking.ranges import Ranges, Ranging, checked_range
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import (
     POSE,
@@ -110,7 +106,6 @@ class Tracker:
     def __init__(self, settings: TrackerSettings, constants: Constants | None = None) -> None:
         # Frames of the buffer and the last one before it, by stamp, each with the state after it.
         self._history: list[_Entry] = []
-        self._ranges: list[Range] = []  # from the oldest to the newest
         self._previous: _State | None = None  # the last state of the track before this one
         self._own_motion = OwnMotion()
         self._tested_ns = LONG_AGO_NS  # stamp of the newest frame that was tested for a mismatch
@@ -123,6 +118,7 @@ class Tracker:
         self._buffer_ns, self._reset_ns, self._command_ns = (
             round(time_s * 1e9) for time_s in (s.buffer_s, s.reset_after_s, s.command_timeout_s)
         )
+        self._ranges = Ranges(s)
         self._space = BiasSpace(c, s.constants_hold_s)
         self._residuals = LastingResiduals(c)
         self._correction = Correction(self._space, c, s, self._gate)
@@ -211,27 +207,8 @@ class Tracker:
           ``reset_after_s`` newer than the newest frame.
         - ValueError: for numbers out of bounds.
         """
-        measured, s = checked_range(stamp_ns, range_m, std_m), self._settings
-        if not self._history:
-            raise StampRefused("range without light: there is no frame yet", stamp_ns)
-        newest_ns = _stamp(self._history[-1])
-        ahead_s = (stamp_ns - newest_ns) * 1e-9
-        if newest_ns - stamp_ns > self._buffer_ns:
-            raise StampRefused(
-                f"late range: {-ahead_s:.3f} s older than the newest frame, more than "
-                f"buffer_s {s.buffer_s:g}",
-                newest_ns,
-            )
-        if stamp_ns - newest_ns > self._reset_ns:
-            raise StampRefused(
-                f"range without light: {ahead_s:.3f} s newer than the newest frame, more than "
-                f"reset_after_s {s.reset_after_s:g}",
-                newest_ns,
-            )
-        place = bisect_left(self._ranges, stamp_ns, key=_stamp)
-        if self._ranges[place:] and _stamp(self._ranges[place]) == stamp_ns:
-            raise StampRefused(f"repeated range: {stamp_ns} ns is that of another", newest_ns)
-        self._ranges.insert(place, measured)
+        newest_ns = _stamp(self._history[-1]) if self._history else None
+        self._ranges.add(checked_range(stamp_ns, range_m, std_m), newest_ns)
         place = bisect_left(self._history, stamp_ns, key=_stamp)
         if place < len(self._history):
             self._replay(self._history, place, self._previous)
@@ -333,20 +310,13 @@ class Tracker:
         newest_ns = _stamp(history[-1])
         oldest = bisect_left(history, newest_ns - self._buffer_ns, key=_stamp)
         self._history, self._previous = history[max(oldest - 1, 0) :], previous
-        first_ns = newest_ns - self._buffer_ns - MOST_BEFORE_NS
-        last_ns = newest_ns + self._reset_ns
-        self._ranges = [each for each in self._ranges if first_ns <= each.stamp_ns <= last_ns]
+        self._ranges.forget(newest_ns)
         return history
 
     def _ranged(self, state: _State, frame: Measurement, before: _State | None) -> _State:
         """Return the state after a frame with the ranges since the one before."""
-        since_ns = frame.stamp_ns - MOST_BEFORE_NS
-        if before is not None:
-            since_ns = max(since_ns, before.frame.stamp_ns)
-        first, end = (
-            bisect_right(self._ranges, ns, key=_stamp) for ns in (since_ns, frame.stamp_ns)
-        )
-        ranges = self._ranges[first:end]
+        before_ns = None if before is None else before.frame.stamp_ns
+        ranges = self._ranges.between(before_ns, frame.stamp_ns)
         if not ranges or state.frame is not frame:  # which is an outlier
             return state
         common: Array = np.zeros((3, 3))
@@ -487,5 +457,5 @@ class Tracker:
         return "told" if obeys else "contradicted"
 
 
-def _stamp(entry: _Entry | Range) -> int:
-    return entry.stamp_ns if isinstance(entry, Range) else entry[0].stamp_ns
+def _stamp(entry: _Entry) -> int:
+    return entry[0].stamp_ns

@@ -68,6 +68,91 @@ def test_of_processes_that_need_a_function_at_once_one_compiles_it(tmp_path):
     assert sorted(answers) == ["0 (1.0, 2.0)", "0 (1.0, 2.0)", "1 (1.0, 2.0)"]
 
 
+def flip(path, bit):
+    """Flip a bit of a file, counted from its beginning over and over."""
+    content = bytearray(path.read_bytes())
+    content[bit // 8 % len(content)] ^= 1 << bit % 8
+    path.write_bytes(content)
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """A cache in which a process kept a function."""
+    cache = tmp_path_factory.mktemp("cache")
+    assert printed(WAIT_AND_COMPILE, cache) == "1 (1.0, 2.0)"
+    return cache
+
+
+def copied(kept, cache):
+    """Copy a cache; return the folder in it, and its files that are not empty."""
+    shutil.copytree(kept, cache, dirs_exist_ok=True)
+    (folder,) = cache.glob("compiled/*")
+    return folder, [path for path in folder.rglob("*") if path.is_file() and path.stat().st_size]
+
+
+def test_any_flipped_bit_is_found(kept, tmp_path):
+    folder, paths = copied(kept, tmp_path)
+    assert len(paths) == 3  # index, code, and their sum
+    assert compilation.unharmed(folder)
+    rng = np.random.default_rng(1)
+    for path in paths:
+        for bit in (int(bit) for bit in rng.integers(8 * path.stat().st_size, size=30)):
+            flip(path, bit)
+            assert not compilation.unharmed(folder), (path, bit)
+            flip(path, bit)
+            assert compilation.unharmed(folder), (path, bit)
+
+
+@pytest.mark.parametrize("how", ["added", "gone", "of another name", "swapped", "no sum"])
+def test_files_that_are_others_than_those_written_are_found(kept, tmp_path, how):
+    folder, _ = copied(kept, tmp_path)
+    code, index = sorted(folder.glob("*/*"))
+    if how == "added":
+        code.with_name("more.nbc").touch()
+    elif how == "gone":
+        code.unlink()
+    elif how == "of another name":
+        code.rename(f"{code}.other")
+    elif how == "swapped":
+        contents = index.read_bytes(), code.read_bytes()
+        code.write_bytes(contents[0])
+        index.write_bytes(contents[1])
+    else:
+        (folder / "sha256").unlink()
+    assert not compilation.unharmed(folder)
+
+
+def test_what_is_damaged_is_compiled_anew_by_one_process_of_several(kept, tmp_path):
+    folder, _ = copied(kept, tmp_path)
+    (folder / "fit.done").touch()
+    code, index = sorted(folder.glob("*/*"))
+    flip(code, 8 * (code.stat().st_size // 2))
+    flip(index, 100)
+    answers = at_once(WAIT_AND_COMPILE, [(), (), ()], NUMBA_CACHE_DIR=str(tmp_path))
+    assert sorted(answers) == ["0 (1.0, 2.0)", "0 (1.0, 2.0)", "1 (1.0, 2.0)"]
+    assert not (folder / "fit.done").exists()  # what else was there is gone, too
+    assert printed(WAIT_AND_COMPILE, tmp_path) == "0 (1.0, 2.0)"
+
+
+def test_what_another_process_adds_harms_nothing(kept, tmp_path):
+    copied(kept, tmp_path)
+    another = """
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.estimation.information.likelihood import censored
+print(sum(compilation.prepare(censored, 3.0, 5.0, 1.0, 2.0).stats.cache_misses.values()))
+"""
+    assert printed(another, tmp_path) == "1"
+    assert printed(another, tmp_path) == "0"
+    assert printed(WAIT_AND_COMPILE, tmp_path) == "0 (1.0, 2.0)"
+
+
+def test_what_nobody_prepared_is_not_kept(kept, tmp_path):
+    """Its file would be in no sum."""
+    folder, _ = copied(kept, tmp_path)
+    assert printed(f"{WAIT_AND_COMPILE}\nprint(function(6, 28))", tmp_path) == "(1.0, 2.0)"
+    assert compilation.unharmed(folder)
+
+
 def test_the_folder_in_use_is_kept_and_of_others_the_latest(tmp_path):
     own = printed(FOLDER, tmp_path)
     assert os.path.isdir(own)

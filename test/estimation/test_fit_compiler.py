@@ -129,17 +129,35 @@ def test_the_process_fills_the_cache_from_which_others_load(scene_file):
     assert re.fullmatch(r"compiled\n[1-9]\d* 0\n", ran.stdout), (ran.stdout, ran.stderr)
 
 
+DAMAGED = """
+import sys
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+scene = load_scene(sys.argv[1])
+estimator = Estimator(scene)
+image = ForwardModel(scene).expected([-6, 0.2, -0.1, 0.05, -0.1])
+print(estimator.state_of_fit, *estimator.estimate(image).pose)
+"""
+
+
 @numba
-def test_where_a_kept_file_is_damaged_the_fit_as_it_stands_goes_on(
-    tmp_path, compiled_fit, scene_file
+def test_where_a_kept_file_is_damaged_the_fit_as_it_stands_goes_on_while_it_is_compiled_anew(
+    tmp_path, compiled_fit, scene_file, scene
 ):
     kept = compilation.cache_folder()
-    shutil.copytree(kept, tmp_path / "compiled" / kept.name)
-    for path in tmp_path.rglob("*.nbi"):
-        path.write_bytes(path.read_bytes()[:10])
-    ran = run(STATE, scene_file, NUMBA_CACHE_DIR=str(tmp_path))
-    assert ran.stdout.startswith("as it stands: ")
-    assert f"; delete {tmp_path / 'compiled' / kept.name} to compile anew" in ran.stdout
+    folder = tmp_path / "compiled" / kept.name
+    shutil.copytree(kept, folder)
+    (code,) = folder.glob("*/frame.estimate_frame-*.nbc")
+    content = bytearray(code.read_bytes())
+    content[len(content) // 2] ^= 16
+    code.write_bytes(content)
+    ran = run(DAMAGED, scene_file, NUMBA_CACHE_DIR=str(tmp_path))
+    state, _, pose = ran.stdout.partition("compiled ")
+    assert state == "as it stands: it is being "
+    assert re.search(rf"{folder}: .* compiled anew", ran.stderr), ran.stderr
+    expected = Estimator(scene, compiled=False).estimate(ForwardModel(scene).expected(POSES[0]))
+    np.testing.assert_allclose([float(x) for x in pose.split()], expected.pose)
 
 
 @numba

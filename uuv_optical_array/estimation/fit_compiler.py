@@ -6,6 +6,7 @@ cache on disk, from which a thread then loads the fit in a second.
 
 import atexit
 import gc
+import logging
 import os
 import subprocess
 import sys
@@ -29,9 +30,16 @@ DONE, EXAMPLE = "fit.done", "reference"  # it is the same in every scene
 
 
 def is_compiled() -> bool:
-    """Say whether `compile_fit` has only to load what it finds on disk."""
+    """Say whether `compile_fit` has only to load what it finds on disk; warn if harmed."""
     folder = compilation.cache_folder()
-    return folder is not None and (folder / DONE).exists()
+    if folder is None or not (folder / DONE).exists():
+        return False
+    sound = compilation.unharmed(folder)
+    if not sound:
+        logging.getLogger(__name__).warning(
+            "%s: not as it was written; deleted, and the fit is compiled anew", folder
+        )
+    return sound
 
 
 def compile_fit() -> None:
@@ -116,11 +124,8 @@ class FitCompiler:
         if not failure:
             try:
                 compile_fit()
-            except (ValueError, OSError) as error:
-                failure = str(error)
-            except Exception as error:  # of any kind, where a file is damaged
-                what = f"{type(error).__name__}: {error}"
-                failure = f"{what}; delete {compilation.cache_folder()} to compile anew"
+            except Exception as error:  # of any kind: who waits has to hear of it
+                failure = f"{type(error).__name__}: {error}"
         self.failure, self.done = failure, True
 
 

@@ -15,7 +15,7 @@ import os
 import shutil
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from types import CellType, CodeType, FunctionType
@@ -27,6 +27,7 @@ from uuv_optical_array.core.storage import files
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp"}}
 SOURCES = ("core", "forward", "estimation")  # the folders whose functions may be compiled
 KEPT = 8  # caches of other versions of the package that are left on disk
+SUM, TURN = "sha256", "turn"  # beside Numba's folders: their sum, and the lock of who uses them
 
 
 def installed() -> bool:
@@ -36,42 +37,87 @@ def installed() -> bool:
 
 @cache
 def compiled(function: Callable[..., Any]) -> Any:
-    """Return a function of the package as Numba compiles it at its first call and keeps it on disk.
+    """Return a function of the package as Numba compiles it at its first call, for this process.
 
     ValueError where Numba is not installed, or not for this NumPy.
     """
     numba, twin, options = _prepared(function, inner=False)
-    folder = cache_folder()
-    with _SETTING:
-        before = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(folder or before)
-        try:
-            return numba.njit(cache=folder is not None, no_cfunc_wrapper=True, **options)(twin)
-        finally:
-            numba.config.CACHE_DIR = before
-
-
-_SETTING = threading.Lock()
+    return numba.njit(no_cfunc_wrapper=True, **options)(twin)
 
 
 def prepare(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
     """Return a function compiled, or loaded from disk, for arguments of these types.
 
     It is called with them once. Of processes that do so at the same time one compiles, and the
-    others load what it left on disk. From then on `loaded` returns the compiled function, too.
+    others load what it left on disk, once they found it unharmed; else the first of them compiles
+    it anew. From then on `loaded` returns the compiled function, too.
     """
     ready, folder = compiled(function), cache_folder()
     if folder is None or ready.signatures:
         ready(*arguments)
     else:
-        with (folder / "turn").open("w") as turn:
-            fcntl.flock(turn, fcntl.LOCK_EX)
+        with _alone_with(folder), _kept(ready, folder):
             ready(*arguments)
+            if ready.stats.cache_misses:
+                files.write_text(folder / SUM, _sum(folder))
     _LOADED[function] = ready
     return ready
 
 
 _LOADED: dict[Callable[..., Any], Any] = {}
+_SETTING = threading.Lock()
+
+
+@contextlib.contextmanager
+def _kept(ready: Any, folder: Path) -> Iterator[None]:
+    """Let Numba look for a function on disk, and keep it there, within this block alone."""
+    config = _numba().config
+    with _SETTING:
+        before = config.CACHE_DIR
+        config.CACHE_DIR = str(folder)
+        try:
+            ready.enable_caching()
+        finally:
+            config.CACHE_DIR = before
+    try:
+        yield
+    finally:
+        ready._cache.disable()
+
+
+@contextlib.contextmanager
+def _alone_with(folder: Path) -> Iterator[None]:
+    """Let one process at a time use a folder; what is not as it was written is deleted first."""
+    with (folder / TURN).open("w") as turn:
+        fcntl.flock(turn, fcntl.LOCK_EX)
+        if not unharmed(folder):
+            for path in folder.iterdir():
+                if path.is_dir():
+                    shutil.rmtree(path)
+                elif path.name != TURN:
+                    path.unlink()
+        yield
+
+
+def unharmed(folder: Path) -> bool:
+    """Say whether what Numba keeps in a folder is as it was written, by its SHA-256.
+
+    It has no checksum of its own, and runs the code that it finds.
+    """
+    kept = folder / SUM
+    try:
+        return (kept.read_bytes() if kept.exists() else b"") == _sum(folder).encode()
+    except FileNotFoundError:  # deleted meanwhile
+        return False
+
+
+def _sum(folder: Path) -> str:
+    """Return the sum of names and contents; empty where there are none."""
+    digest, paths = hashlib.sha256(), sorted(folder.glob("*/*"))
+    for path in paths:
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(folder)} {len(content)} ".encode() + content)
+    return digest.hexdigest() if paths else ""
 
 
 def loaded(function: Callable[..., Any]) -> Callable[..., Any]:

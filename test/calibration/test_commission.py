@@ -2,12 +2,13 @@
 
 import os
 import select
+import sys
 
 import numpy as np
 import pytest
 from bags import image_message, write_bag
 from builtin_interfaces.msg import Time
-from command_line import PROGRAM, begun, ended, run, text_of
+from command_line import begun, ended, run, text_of
 from nav_msgs.msg import Odometry
 from needs import rosbags
 from odometries import odometry, time_of
@@ -65,9 +66,20 @@ def test_an_array_that_is_wired_right_gets_no_wiring_and_a_bag_that_ends_early_n
     assert load_scene(output).array.wiring is None
 
 
+# The command takes sensor data, of which a busy machine may lose some.
+LOSING_NOTHING = """
+from rclpy.qos import ReliabilityPolicy
+from uuv_optical_array.nodes.shared import image_listener
+image_listener.ReliabilityPolicy = lambda: None
+image_listener.ReliabilityPolicy.BEST_EFFORT = ReliabilityPolicy.RELIABLE
+from uuv_optical_array.commands import main
+main()
+"""
+
+
 def test_live_images_are_taken_until_both_sweeps_are_seen(lab, sent, tmp_path):
     lab.begin()
-    images = lab.talk(Image, "bow/array/image")
+    images = lab.probe.create_publisher(Image, "bow/array/image", 1000)
     output = tmp_path / "sea.yaml"
     words = ("commission", "--set", "image_topic=bow/array/image", "-o", output)
     told, stamp = b"", sent[0][0] - 10**12
@@ -84,12 +96,10 @@ def test_live_images_are_taken_until_both_sweeps_are_seen(lab, sent, tmp_path):
             told += os.read(process.stdout.fileno(), 4096)
         return b"sweep 1 of 2" in told
 
-    with begun([*PROGRAM, *words]) as process:
+    with begun([sys.executable, "-c", LOSING_NOTHING, *words]) as process:
         lab.until(background_is_measured, "the command to measure the background")
         for each in sent:
             show(*each)
-            # The command takes sensor data, of which a burst would be lost.
-            lab.executor.spin_once(timeout_sec=0.005)
         out, _ = ended(process)
     assert load_scene(output).array.wiring == WIRED
     assert "sweep 2 of 2" in out

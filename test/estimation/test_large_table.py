@@ -219,13 +219,15 @@ def test_a_grid_in_the_dark_or_beyond_the_disk_is_refused(tmp_path):
 def test_one_of_two_workers_killed_half_way_leaves_no_trace(finished, tmp_path):
     from distributed import LocalCluster
 
-    path, slow, worked = (tmp_path / name for name in ("t.zarr", "slow.py", "worked"))
-    # Workers that wait before each block, so that one can be killed in the midst of the work.
+    path, slow, killed = (tmp_path / name for name in ("t.zarr", "slow.py", "killed"))
+    # Each computes two blocks, and the rest once one was killed in the midst of the work.
     slow.write_text(f"""import pathlib, time
 from uuv_optical_array.estimation import large_table
+begun = []
 def slow(*arguments, compute=large_table.grid_parameters):
-    pathlib.Path({str(worked)!r}).touch()
-    time.sleep(0.1)
+    begun.append(1)
+    while len(begun) > 2 and not pathlib.Path({str(killed)!r}).exists():
+        time.sleep(0.01)
     return compute(*arguments)
 large_table.grid_parameters = slow""")
     two = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
@@ -238,11 +240,11 @@ large_table.grid_parameters = slow""")
                 if done == 2:
                     os.kill(cluster.workers[0].pid, signal.SIGKILL)
                     assert len(contents(path)) < BLOCKS + 2
+                    killed.touch()
                 yield block
 
         build(path, scheduler=cluster.scheduler_address, threads=None, progress=kills)
         assert contents(path) == contents(finished)
-        assert worked.exists()
         lost = tmp_path / "lost.zarr"
 
         def removed(blocks):

@@ -9,7 +9,7 @@ import pytest
 import second_forward
 from differences import extrapolated_slopes
 from drawn_effects import any_scenes, poses, scenes
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from needs import numba
 
@@ -19,10 +19,7 @@ from uuv_optical_array.forward.light import COSINE
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
-reproducible = settings(
-    max_examples=15,
-    suppress_health_check=[HealthCheck.too_slow],  # which is a timed assertion
-)
+reproducible = settings(max_examples=15)
 each_effect = pytest.mark.parametrize("name", list(EFFECTS))
 times = st.floats(0, 1e5)
 rolls = st.floats(-3, 3)

@@ -65,7 +65,6 @@ def test_each_signature_is_answered_with_the_cores_pose_and_covariance(asker, si
         assert message.header.frame_id == "leader/beacon"
         assert_is(message, estimator.estimate(parameters=signature))
     assert len({tuple(place_of(pose)[0]) for pose in asker.poses}) > 3
-    asker.lab.statuses.clear()  # of earlier frames
     status = asker.lab.report(asker.node, OK)
     values = dict(figures(status))
     assert (values["answered"], values["method"]) == ("10", "sam")

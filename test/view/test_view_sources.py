@@ -3,7 +3,7 @@
 import signal
 import sys
 import threading
-import time
+from queue import Empty, SimpleQueue
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from scenes import squared_error
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.recording.images import Recording
+from uuv_optical_array.view import recorded
 from uuv_optical_array.view.closed_loop import Conditions
 from uuv_optical_array.view.recorded import Player, sights_of
 from uuv_optical_array.view.simulation import chosen, simulate, sliders
@@ -99,16 +100,26 @@ def test_the_time_line_jumps_pauses_and_runs_to_the_end():
         assert player.next() == (at, True)
 
 
-def test_a_page_that_was_slow_shows_the_next_images_at_their_pace_not_all_at_once():
-    slow_s = 0.0
-    player = Player([0.0, 0.02, 0.04, 0.06], lambda: time.monotonic() + slow_s)
+def test_a_page_that_was_slow_shows_the_next_images_at_their_pace_not_all_at_once(monkeypatch):
+    now_s = 100.0
+
+    class Choices(SimpleQueue):
+        """Waits by the clock of the test."""
+
+        def get(self, timeout=None):
+            nonlocal now_s
+            if self.empty():
+                now_s += timeout
+                raise Empty
+            return super().get()
+
+    monkeypatch.setattr(recorded, "SimpleQueue", Choices)
+    player = Player([0.0, 0.02, 0.04, 0.06], lambda: now_s)
     assert player.next() == (0, True)
-    slow_s = 5.0
-    assert player.next() == (1, False)
-    resumed = time.monotonic()
-    for place in (2, 3):
-        assert player.next() == (place, False)
-    assert time.monotonic() - resumed > 0.035  # two gaps
+    now_s += 5.0  # in which it was shown
+    shown = [(player.next(), now_s) for _ in range(3)]
+    assert [place for place, _ in shown] == [(1, False), (2, False), (3, False)]
+    np.testing.assert_allclose([at_s for _, at_s in shown], [105.0, 105.02, 105.04])
 
 
 @pytest.mark.usefixtures("compiled_fit")

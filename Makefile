@@ -18,7 +18,7 @@ unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 # The wheels set this together with LD_LIBRARY_PATH, and trust it.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help follow view tradeoff test jazzy docs linkcheck format bench peers clean
+.PHONY: help follow view tradeoff test jazzy docs linkcheck format promises bench peers clean
 
 help:  ## show these lines
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' Makefile
@@ -60,6 +60,10 @@ linkcheck: .venv/documents  ## look whether links of the documentation to other 
 format: $(INSTALLED)  ## bring the code into the house style
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
+
+promises: export OPENBLAS_NUM_THREADS = 1
+promises: $(INSTALLED)  ## measure whether what the package promises holds; options by ARGS='...'
+	@$(BIN)/python benchmarks/promises.py $(ARGS)
 
 bench: $(INSTALLED)  ## measure speed and accuracy
 	$(BIN)/pytest benchmarks

@@ -15,6 +15,7 @@ import frames
 import numpy as np
 
 from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.processes import spread
 from uuv_optical_array.core.storage.files import shared_file
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
@@ -23,7 +24,8 @@ from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.recording.images import read_recording
 from uuv_optical_array.studies import accuracy as accuracy_study
 from uuv_optical_array.studies import drives as drives_study
-from uuv_optical_array.studies import mismatches, robustness
+from uuv_optical_array.studies import envelope, mismatches, robustness
+from uuv_optical_array.studies.closed_loop_kinds import kinds_named
 from uuv_optical_array.studies.shared.errors import range_across_angle
 
 SEED = 1  # of every study, as of its page
@@ -71,30 +73,38 @@ def accuracy(name: str, shape: str, drawn: bool) -> Figures:
 def drives() -> Figures:
     """Return what tracks in drawn seas are off by."""
     estimator = Estimator(load_scene("follow")).wait()
-    rngs = [np.random.default_rng((SEED, i)) for i in range(DRIVES)]
-    result = drives_study.figures(
-        [drives_study.drive(estimator, DRIVE_S, RATE_HZ, rng) for rng in rngs]
-    )
+
+    def driven(i: int) -> drives_study.Drive:
+        rng = np.random.default_rng((SEED, i))
+        return drives_study.drive(estimator, DRIVE_S, RATE_HZ, rng)
+
+    result = drives_study.figures(list(spread(driven, DRIVES)))
     keys = {"false": "beyond_6_sigma", "nees": "nees_mean", "refused": "refused"}
     return {name: float(result[key]) for name, key in keys.items()}
 
 
 @cache
+def _false_of_kinds() -> dict[mismatches.Kind, int]:
+    """Return how many of `FRAMES` images of each kind of mismatch are false."""
+    scene = load_scene("follow")
+    estimator, kinds = Estimator(scene).wait(), mismatches.kinds_named(None, scene)
+
+    def measured(i: int) -> int:
+        (row,) = robustness.measure(estimator, kinds[i : i + 1], FRAMES, SEED)
+        return int(row["beyond_6_sigma"])
+
+    return dict(zip(kinds, spread(measured, len(kinds)), strict=True))
+
+
 def mismatch(name: str) -> Figures:
     """Return how many of `FRAMES` images of a kind of mismatch are false."""
-    scene = load_scene("follow")
-    kinds = mismatches.kinds_named(name, scene)
-    (row,) = robustness.measure(Estimator(scene).wait(), kinds, FRAMES, SEED)
-    return {"answered": row["answered"], "false": row["beyond_6_sigma"]}
+    return {"false": sum(n for kind, n in _false_of_kinds().items() if kind.name == name)}
 
 
-@cache
 def mismatches_within(within: bool, but: tuple[str, ...] = ()) -> Figures:
     """Return the same of all kinds that the prior covers, or of all others without some."""
-    every = mismatches.kinds_named(None, load_scene("follow"))
-    names = [kind.name for kind in every if kind.within == within and kind.name not in but]
-    figures = [mismatch(name) for name in names]
-    return {key: sum(each[key] for each in figures) for key in ("answered", "false")}
+    found = _false_of_kinds().items()
+    return {"false": sum(n for kind, n in found if kind.within == within and kind.name not in but)}
 
 
 @cache
@@ -214,9 +224,7 @@ def damaged(content: bytes, kind: int, rng: np.random.Generator) -> bytes:
 @cache
 def closed_loop(names: str) -> Figures:
     """Return what became of followers in kinds of trouble of `study envelope`, between commas."""
-    kinds_module = importlib.import_module("uuv_optical_array.studies.closed_loop_kinds")
-    envelope = importlib.import_module("uuv_optical_array.studies.envelope")
-    rows = list(envelope.measure(kinds_module.kinds_named(names), SEEDS, SEED, "kinematic"))
+    rows = list(envelope.measure(kinds_named(names), SEEDS, SEED, "kinematic"))
     return {
         "lost": sum(row["lost"] for row in rows),
         "off": max(row["off_m"] for row in rows),

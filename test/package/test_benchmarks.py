@@ -9,6 +9,7 @@ import pytest
 from command_line import begun, ended
 
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies import closed_loop_kinds
 from uuv_optical_array.studies.mismatches import kinds_named
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
@@ -95,4 +96,6 @@ def test_every_promise_is_one_of_figures_that_are_measured():
     for promise in promises.PROMISES:
         measure = getattr(promise.measure, "func", promise.measure)
         assert vars(promised)[measure.__name__] is measure, promise.what
+        if measure is promised.closed_loop:
+            closed_loop_kinds.kinds_named(*promise.measure.args)
     assert len({promise.what for promise in promises.PROMISES}) == len(promises.PROMISES)

@@ -8,6 +8,7 @@ import signal
 
 import pytest
 from command_line import PROGRAM, assert_picture, begun, ended, run
+from conftest import PATIENCE_S
 from generated import reference
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
@@ -17,14 +18,10 @@ from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.recording.bag import RUN, opened
 
 
-def follow(*words, start_s=None):
-    """Run ``uuv_array follow`` in a process of its own.
-
-    The leader waits as long as ever for its follower, or as long as is given.
-    """
+def follow(*words, start_s=PATIENCE_S):
+    """Run ``uuv_array follow`` in a process of its own; the leader waits for its follower."""
     *python, code = PROGRAM
-    if start_s is not None:
-        code = f"from uuv_optical_array.nodes.bringup import demo; demo.START_S = {start_s}; {code}"
+    code = f"from uuv_optical_array.nodes.bringup import demo; demo.START_S = {start_s}; {code}"
     unbuffered = {**os.environ, "PYTHONUNBUFFERED": "1"}
     return begun([*python, code, "follow", *words], env=unbuffered)
 

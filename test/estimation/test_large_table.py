@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 import yaml
 from command_line import begun, ended, interrupted, python
+from conftest import PATIENCE_S
 from scenes import changed
 
+from uuv_optical_array.estimation import large_table
 from uuv_optical_array.estimation.large_table import build_large_table, load_table
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
@@ -216,8 +218,10 @@ def test_a_grid_in_the_dark_or_beyond_the_disk_is_refused(tmp_path):
     assert os.listdir(tmp_path) == ["dark.zarr"]
 
 
-def test_one_of_two_workers_killed_half_way_leaves_no_trace(finished, tmp_path):
+def test_one_of_two_workers_killed_half_way_leaves_no_trace(finished, tmp_path, monkeypatch):
     from distributed import LocalCluster
+
+    monkeypatch.setattr(large_table, "WAIT_S", PATIENCE_S)
 
     path, slow, killed = (tmp_path / name for name in ("t.zarr", "slow.py", "killed"))
     # Each computes two blocks, and the rest once one was killed in the midst of the work.

@@ -8,6 +8,7 @@ import launch_testing
 import pytest
 import rclpy
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from conftest import PATIENCE_S
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from launch import LaunchDescription
@@ -52,7 +53,7 @@ class TestGraph(unittest.TestCase):
             ("/chaser/cmd_vel", TwistStamped),
             ("/diagnostics", DiagnosticArray),
         ]
-        with WaitForTopics(topics, timeout=120.0) as awaited:
+        with WaitForTopics(topics, timeout=PATIENCE_S) as awaited:
             pose = awaited.received_messages("/chaser/relative_pose")[0]
         self.assertEqual(pose.header.frame_id, "leader/beacon")
         self.assertLess(abs(pose.pose.pose.position.x + 6.5), 2.0)

@@ -76,7 +76,7 @@ def test_noise_beyond_that_of_the_scene_widens_the_errors_and_beyond_twice_is_re
     assert "does not explain the data" in notes
     (noise,) = re.findall(r"sensor_noise\.sigma_counts (\S+) would explain", notes)
     assert float(noise) == pytest.approx(sigma, rel=0.05)
-    assert largest_pull(found, scene) < 4
+    assert largest_pull(found, scene) < 5.5
     for name, parameter in named(found).items():  # as large as with the noise that there is
         assert parameter.std == pytest.approx(named(told)[name].std, rel=0.05), name
 
@@ -175,7 +175,7 @@ def test_what_is_not_known_was_held_and_what_is_known_was_fitted(seed):
     for parameter in found.parameters:
         held = parameter.value == parameter.start
         assert held == (parameter.note == "not known"), parameter.name
-    assert largest_pull(found, scene, aims) < 4
+    assert largest_pull(found, scene, aims) < 5.5
 
 
 def test_a_long_bent_valley_is_followed_to_its_end():
@@ -196,7 +196,7 @@ def test_a_long_bent_valley_is_followed_to_its_end():
     poses = np.zeros((100, 5))
     poses[:, 0] = -rng.uniform(3, 8, 100)
     found = calibrate(load_scene("follow"), exposed(scene, poses, rng, aims=aims), poses)
-    assert largest_pull(found, scene, aims) < 4
+    assert largest_pull(found, scene, aims) < 5.5
     told = [note for note in found.notes if "turned by" in note]
     assert len(told) == 1, "the array's aim is not known to 0.002 rad"
     assert told[0].startswith("the lamp is turned by +1.")

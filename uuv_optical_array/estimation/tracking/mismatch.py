@@ -40,6 +40,7 @@ MOST_OF_ALL, LEAST_S = 0.75, 3.0
 LEAST = 1 - math.exp(-LEAST_S / WINDOW_S)  # the same, as a share of the window
 CHANCE = 1e-5  # that frames of the scene are taken for others, at each test
 LEAST_GAIN = 1e-3  # error of a detector that linearising may leave
+LEAST_TOLD = 0.5  # degrees of freedom that were learnt, below which there is nothing to test
 LEAST_LEARNT = 0.02  # of a prior variance
 NEGLIGIBLE = 1e-9  # of the largest information, below which rounding is all there is
 
@@ -93,7 +94,8 @@ class LastingResiduals:
             mean, spread = biases.mean[:of], np.eye(of) - biases.covariance[:of, :of]
             known = spread + LEAST_LEARNT * np.eye(of)  # what says nothing of a bias is no test
             _, solved, failed = lapack.dposv(known, np.column_stack([mean, spread]), lower=1)
-            chance = 1.0 if failed else chdtrc(solved[:, 1:].trace(), mean @ solved[:, 0])
+            told = 0.0 if failed else float(solved[:, 1:].trace())
+            chance = chdtrc(told, mean @ solved[:, 0]) if told > LEAST_TOLD else 1.0
             if chance < CHANCE:
                 best = int((mean**2 / known.diagonal()).argmax())
                 return self._off(best, space.stds[best] * mean[best], chance)

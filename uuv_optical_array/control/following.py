@@ -33,7 +33,7 @@ from uuv_optical_array.control.formation import (
     LeaderTrack,
     bow_to,
 )
-from uuv_optical_array.control.leader_belief import LeaderBelief, SightSettings
+from uuv_optical_array.control.leader_belief import Goal, LeaderBelief, SightSettings
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Quantity
@@ -45,11 +45,13 @@ STATES: tuple[StateName, ...] = get_args(StateName)
 LostAction = Literal["hold", "surface", "disengage"]
 
 # A place is chosen anew so long after the last choice, where it is not reached, and where it is.
-MOST_S, ARRIVED_S, ARRIVED_M = 25.0, 1.0, 1.0
+MOST_S, ARRIVED_S, ARRIVED_M = 25.0, 2.0, 1.0
 IMAGES_S = 2.0  # without any image until a search would be blind
 PASSING_M = 0.5  # beyond the minimum distance, at which a lamp that may have stopped is passed
 # By how much it turns to light at the array's edge, rad; so long after the last pose of it, s.
 TURN_RAD, PITCH_RAD, TURNING_S = 0.8, 0.2, 1.0
+MOST_TURNED_RAD = 0.35  # standard deviation of the angles of a light that came back and steers
+MOST_SPEED, MOST_TURN = 2.0, 0.6  # of a leader, m/s and rad/s: beyond them is noise
 OTHER_M = 1.0  # from where the leader is expected, where a lamp may be another one
 SURFACE_M_PER_S = 0.2
 MEASURED_S = 1.0  # age beyond which a measured velocity is not used
@@ -182,7 +184,9 @@ class Following:
             dark.glimpse(pose, covariance)
             raise
         dark.glimpse(pose, covariance)
-        if self._settled(stamp_s):
+        if covariance[3:, 3:].trace() > MOST_TURNED_RAD**2:  # a heading to go by is to be known
+            self._settling.clear()
+        elif self._settled(stamp_s):
             self._to("locked", stamp_s, f"light came back {dark.found(pose)}")
             self._dark = None
 
@@ -296,7 +300,7 @@ class _Dark:
     ) -> None:
         self._settings, self._search = settings, search
         self._station = np.array([*settings.station_m, 0.0, 0.0])
-        self._now_s, self._planned_s, self._goal = now_s, -math.inf, 0
+        self._now_s, self._planned_s, self._goal = now_s, -math.inf, Goal(-1, 0.0)
         self._glimpsed_s = -math.inf
         self.age_s, self._margin_m = 0.0, 0.0
         self._stopped = track is not None  # whether a leader may be where the lamp was seen
@@ -308,13 +312,15 @@ class _Dark:
             stamp_s = track.stamp_ns * 1e-9
             way = law.moved_since(track.stamp_ns, now_s)
             self.own = wrapped(track.pose + in_beacon(track.pose, way))
-            turn = -track.leader_rate[3:]
+            turn = np.clip(-track.leader_rate[3:], -MOST_TURN, MOST_TURN)
             speed = -track.leader_rate[:3] - _turning(turn, track.pose[:3])
+            speed = np.clip(speed, -MOST_SPEED, MOST_SPEED)
             self._belief = LeaderBelief.of_motion(search, speed, turn)
             self._margin_m = track.margin_m
             self._belief.pass_time(now_s - stamp_s)
             self.age_s = now_s - stamp_s
         self._start, self.held = self.own.copy(), self.own.copy()
+        self._stayed = self.own[:3].copy()
 
     def advance(self, now_s: float, twist: Array) -> None:
         """Move on to the present, s, by the follower's own motion, ``(5,)``."""
@@ -338,9 +344,10 @@ class _Dark:
 
     def glimpse(self, pose: Array, covariance: Array) -> None:
         """Let a pose that is not trusted yet guide the search."""
-        self._belief.glimpse(self.own, pose, covariance)
-        self._planned_s = -math.inf
+        goal = self._belief.glimpse(self.own, pose, covariance)
         self._glimpsed_s = self._now_s
+        if goal is not None:
+            self._goal, self._planned_s = goal, self._now_s
 
     def found(self, pose: Array) -> str:
         """Say after how long a pose came, and how far its lamp is from where it was expected."""
@@ -377,16 +384,16 @@ class _Dark:
             error = np.array([0.0, 0.0, 0.0, -PITCH_RAD * up, TURN_RAD * to_port])
             lamps = self._last_seen()
             return error, np.zeros(5), rotation_matrix(*self.own[3:]).T, lamps
-        off_m = self._belief.station_off(self._goal, self.own, self._station)
-        if now_s >= self._planned_s + (ARRIVED_S if off_m < ARRIVED_M else MOST_S):
-            self._planned_s = now_s
-            fastest = self._settings.max_surge_m_per_s
-            self._goal = self._belief.goal(self.own, self._station, fastest)
-        k, s = self._goal, self._search
-        place, at = self._belief.places[k], rotation_matrix(*self._belief.headings[k])
-        speed, turn = self._belief.motion(k)
-        goal = place + at @ self._station[:3]
-        moving = at @ (speed + _turning(turn, self._station[:3]))
+        goal = self._place(now_s)
+        k, s = self._goal.hypothesis, self._search
+        moving: Array = np.zeros(3)
+        if k >= 0:
+            speed, turn = self._belief.motion(k)
+            at = rotation_matrix(*self._belief.headings[k])
+            moving = at @ (speed + _turning(turn, self._goal.trail * self._station[:3]))
+        seen = k if k >= 0 else self._belief.in_sight(goal)
+        place = self._belief.places[seen]
+        ahead = rotation_matrix(*self._belief.headings[seen]) @ self._belief.motion(seen)[0]
         goal, passing = self._around(goal)
         way = goal - self._start[:3]
         length = float(np.linalg.norm(way))
@@ -403,8 +410,23 @@ class _Dark:
         error = wrapped(np.array([*goal, pitch, yaw]) - self.own)
         speed5 = np.array([*(np.zeros(3) if passing else moving), 0.0, 0.0])
         to_body = rotation_matrix(*self.own[3:]).T
-        lamps = [self._lamp(place, at @ speed), *self._last_seen()]
+        lamps = [self._lamp(place, ahead), *self._last_seen()]
         return error, speed5, to_body, lamps
+
+    def _place(self, now_s: float) -> Array:
+        """Return the place to look from, chosen anew once it was reached or takes too long."""
+        place: Array = self._stayed
+        for _ in range(2):
+            place = self._stayed
+            if self._goal.hypothesis >= 0:
+                place = self._belief.place_of(self._goal, self._station)
+            arrived = float(np.linalg.norm(place - self.own[:3])) < ARRIVED_M
+            if now_s < self._planned_s + (ARRIVED_S if arrived else MOST_S):
+                break
+            self._planned_s, self._stayed = now_s, self.own[:3].copy()
+            fastest = self._settings.max_surge_m_per_s
+            self._goal = self._belief.goal(self.own, self._station, fastest)
+        return place
 
     def hold(self, rise_m_per_s: float) -> tuple[Array, Array, Array, list[KeepOff]]:
         """Return the same, towards where the search ended, or upwards."""

@@ -16,7 +16,7 @@ glimpse of light, whose pose is not to be trusted yet, adds a hypothesis and wei
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,20 +29,23 @@ TURNS = (np.array([-6.0, -3.0, -1.5, 0.0, 1.5, 3.0, 6.0]), 2.5)
 CLIMBS = (np.array([-1.5, 0.0, 1.5]), 1.0)
 MOST_PITCH = 0.3  # rad; beyond it no leader climbs on
 TURN_S = 5.0  # in which a turn rate goes over to another
-TURNING_S = 10.0  # after which a leader goes straight on
+TURNING_S = 10.0  # after which a leader that turned goes straight on, and one that drifts rests
 PERSIST = (1.0, 0.3)  # shares of the last turn rate from which it does
 # Probability that a leader without light has changed its speed, each to one of these, m/s: it
 # stopped, or stopped and went aside, up, down or back.
 STOPPED = 0.15
 DRIFTS = np.array([[0, 0, 0], [0, 0.3, 0], [0, -0.3, 0], [0, 0, 0.25], [0, 0, -0.25], [-0.5, 0, 0]])
 DARK_S = 30.0  # time constant of the probability that the lamp still gives no light
-LOOK_S = 2.0  # of looking at a lit lamp without seeing it, which makes it unlikely by e
+LOOK_S = 4.0  # of looking at a lit lamp without seeing it, which makes it unlikely by e
 AGAIN_S = 60.0  # after which what was seen dark counts again
 LEAST = 0.02  # weight, of its prior, that looking in vain leaves
 ARRAY_DEG = 70.0  # off the bow, to where detectors see
 NEAREST_M = 0.5
-GLIMPSED_RAD = 0.3  # standard deviation of its angles below which a glimpse is a hypothesis
+GLIMPSED_RAD = 0.6  # standard deviation of its angles below which a glimpse is a hypothesis
 ARRIVAL_S = 20.0  # a place that is reached so much later is worth less by e
+# How many of the likely leaders are looked at, from how far behind, in stations, and for how long;
+# by how much another place has to be better than to stay.
+LIKELY, TRAILS, LOOKS_S, STAYS = 24, (1.0, 2.0), 8.0, 1.1
 # Starts: where the lamp may be beside the place where a follower on station would see it.
 ASIDE_M, AHEAD_M, ABOVE_M = (-6.0, -3.0, 0.0, 3.0, 6.0), (-3.0, 0.0, 4.0, 8.0), (-1.5, 0.0, 1.5)
 TURNED_DEG = (-120.0, -60.0, 0.0, 60.0, 120.0)
@@ -57,6 +60,13 @@ class SightSettings:
     sight_deg: Annotated[
         float, Quantity("off the lamp's axis, to where it is seen", "deg", 1, 90)
     ] = 20.0
+
+
+class Goal(NamedTuple):
+    """A place to look from: `trail` stations behind a hypothesis; -1: where the follower is."""
+
+    hypothesis: int
+    trail: float
 
 
 class LeaderBelief:
@@ -95,6 +105,7 @@ class LeaderBelief:
         self.places, self.headings = starts[:, :3].copy(), starts[:, 3:].copy()
         self._speeds, self._rates = with_glimpse(speeds), with_glimpse(rates)
         self._turns = with_glimpse(turns)
+        self._drifting = slice(0)  # hypotheses that come to rest after `TURNING_S`
         self.age_s = 0.0
 
     @classmethod
@@ -111,10 +122,13 @@ class LeaderBelief:
         halted = np.full(len(DRIFTS), STOPPED / len(DRIFTS))
         prior = np.concatenate([(1 - STOPPED) / going.sum() * going, halted])
         still = np.zeros((len(DRIFTS), 2))
+        drifting = slice(len(going), len(prior))
         later = np.vstack([np.radians(np.stack([climb, yaw], axis=1)), still])
         rates = np.vstack([np.outer(persist, turn), still])
         speeds = np.vstack([np.tile(speed, (len(climb), 1)), DRIFTS])
-        return cls(settings, prior, np.zeros((len(prior), 5)), speeds, rates, later)
+        self = cls(settings, prior, np.zeros((len(prior), 5)), speeds, rates, later)
+        self._drifting = drifting
+        return self
 
     @classmethod
     def at_start(cls, settings: SightSettings) -> "LeaderBelief":
@@ -152,6 +166,8 @@ class LeaderBelief:
         self.age_s += step_s
         kept = math.exp(-step_s / TURN_S)
         turns = self._turns if self.age_s < TURNING_S else 0.0
+        if self.age_s >= TURNING_S:
+            self._speeds[self._drifting] = 0.0
         self._rates = kept * self._rates + (1 - kept) * turns
         self.places, self.headings = self._after(step_s)
 
@@ -176,10 +192,11 @@ class LeaderBelief:
         near = (range_m > NEAREST_M) & (range_m < s.sight_m)
         return near & (behind > math.cos(math.radians(s.sight_deg)) * range_m)
 
-    def glimpse(self, own: Array, pose: Array, covariance: Array) -> None:
-        """Weigh the hypotheses by a pose that is not to be trusted, and add it as the first.
+    def glimpse(self, own: Array, pose: Array, covariance: Array) -> Goal | None:
+        """Weigh the hypotheses by a pose that is not to be trusted; return the place behind it.
 
         - own: where the follower is, ``(5,)``; `pose`, `covariance`: as of a track.
+        - returned: ``None`` where the pose says too little of the leader's heading.
         """
         place, heading = self.seen_at(own, pose)
         off = np.concatenate([self.places - place, self.headings - heading], axis=1)
@@ -189,6 +206,8 @@ class LeaderBelief:
         if covariance[3, 3] + covariance[4, 4] < GLIMPSED_RAD**2:
             self.places[-1], self.headings[-1] = place, heading
             self.weights[-1] = self._prior.sum()
+            return Goal(len(self.weights) - 1, 1.0)
+        return None
 
     @staticmethod
     def seen_at(own: Array, pose: Array) -> tuple[Array, Array]:
@@ -196,27 +215,43 @@ class LeaderBelief:
         heading = own[3:] - pose[3:]
         return own[:3] - rotation_matrix(*heading) @ pose[:3], heading
 
-    def goal(self, own: Array, station: Array, speed_m_per_s: float) -> int:
-        """Return the hypothesis at whose station most of the others would be seen, and soon."""
-        now = self._stations(self.places, self.headings, station)
-        arrival_s = np.linalg.norm(now - own[:3], axis=1) / speed_m_per_s
-        likely = np.argsort(-self.weights)[:40]
-        worth = np.zeros(len(likely))
-        for i, k in enumerate(likely):
-            places, headings = self._after(min(float(arrival_s[k]), ARRIVAL_S))
-            at = self._stations(places[k : k + 1], headings[k : k + 1], station)
-            seen = self._seen_from(at, places, headings)[0]
-            worth[i] = (self.weights * seen).sum() * math.exp(-arrival_s[k] / ARRIVAL_S)
-        return int(likely[worth.argmax()])
+    def goal(self, own: Array, station: Array, speed_m_per_s: float) -> Goal:
+        """Return the place from which most leaders would be seen, and soon, for a while.
 
-    def station_off(self, k: int, own: Array, station: Array) -> float:
-        """Return how far the station behind a hypothesis is from the follower, m."""
-        at = self.places[k] + rotation_matrix(*self.headings[k]) @ station[:3]
-        return float(np.linalg.norm(at - own[:3]))
+        It is where the follower is, or behind one of the likely leaders: at its station, or so many
+        stations behind (`TRAILS`), from where the view is wider.
+        """
+        best, most = Goal(-1, 0.0), STAYS * self._worth(own[:3], np.zeros(3), 0.0)
+        for k in np.argsort(-self.weights)[:LIKELY].tolist():
+            at, speed = rotation_matrix(*self.headings[k]), self._speeds[k]
+            for trail in TRAILS:
+                place = self.places[k] + at @ (trail * station[:3])
+                arrival_s = float(np.linalg.norm(place - own[:3])) / speed_m_per_s
+                arrival_s = min(arrival_s, ARRIVAL_S)
+                worth = self._worth(place + arrival_s * (at @ speed), at @ speed, arrival_s)
+                worth *= math.exp(-arrival_s / ARRIVAL_S)
+                if worth > most:
+                    best, most = Goal(k, trail), worth
+        return best
 
-    @staticmethod
-    def _stations(places: Array, headings: Array, station: Array) -> Array:
-        return places + np.einsum("nij,j->ni", rotation_matrix(*headings.T), station[:3])
+    def _worth(self, place: Array, velocity: Array, arrival_s: float) -> float:
+        """Return the weight of the leaders that are seen from a moving place, at arrival and on."""
+        worth = 0.0
+        for later_s in (0.0, LOOKS_S):
+            places, headings = self._after(arrival_s + later_s)
+            at = (place + later_s * velocity)[None]
+            worth += float(self.weights @ self._seen_from(at, places, headings)[0]) / 2
+        return worth
+
+    def place_of(self, goal: Goal, station: Array) -> Array:
+        """Return the place of a goal behind a leader by now, m, ``(3,)``."""
+        k, trail = goal
+        return self.places[k] + rotation_matrix(*self.headings[k]) @ (trail * station[:3])
+
+    def in_sight(self, place: Array) -> int:
+        """Return the likeliest leader of those that would be seen from a place, or of all."""
+        seen = self._seen_from(place[None], self.places, self.headings)[0]
+        return int(np.argmax(self.weights * (seen if seen.any() else 1.0)))
 
     def motion(self, k: int) -> tuple[Array, Array]:
         """Return speed, m/s, ``(3,)``, and pitch and yaw rate, rad/s, of a hypothesis, its axes."""

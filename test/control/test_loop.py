@@ -34,7 +34,7 @@ class Law:
         self.state = State("waiting", 0.0, "")
         self.tracks, self.looks = [], []
 
-    def looked(self, stamp_s):
+    def looked(self, stamp_s, brightest):
         self.looks.append(stamp_s)
 
     def update(self, stamp_s, pose, covariance, rate):

@@ -4,12 +4,12 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from types import MappingProxyType
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
 from uuv_optical_array.control.following import Following, State
-from uuv_optical_array.control.leader_path import leader_twist
+from uuv_optical_array.control.leader_path import LeaderPath, leader_twist
 from uuv_optical_array.control.sea import STILL_SEA, Sea
 from uuv_optical_array.control.vehicles import Vehicle
 from uuv_optical_array.core.errors import NoPose
@@ -20,9 +20,6 @@ from uuv_optical_array.forward.others import Other, sight
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 
 CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has none
-
-# The twist of a leader over ground by its time on the path, s: in its frame, m/s and rad/s, (3,).
-Motion: TypeAlias = Callable[[float], tuple[Array, Array]]
 
 
 class Light(NamedTuple):
@@ -123,7 +120,7 @@ class ClosedLoop:
         leader: Vehicle,
         followers: Sequence[Swimmer],
         rng: np.random.Generator,
-        motion: Motion = leader_twist,
+        motion: LeaderPath = leader_twist,
         sea: Sea = STILL_SEA,
     ) -> None:
         self.leader, self.followers, self.motion, self.sea = leader, followers, motion, sea

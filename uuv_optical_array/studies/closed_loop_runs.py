@@ -13,14 +13,13 @@ from uuv_optical_array.control.closed_loop import (
     ClosedLoop,
     Instant,
     Light,
-    Motion,
     Swimmer,
     clouded,
 )
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.following import Following
 from uuv_optical_array.control.formation import FormationSettings
-from uuv_optical_array.control.leader_path import leader_twist
+from uuv_optical_array.control.leader_path import LeaderPath, leader_twist
 from uuv_optical_array.control.sea import Sea
 from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits
 from uuv_optical_array.core.geometry import Array, wrapped
@@ -86,7 +85,7 @@ class Kind:
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     dark_s: tuple[float, float] = (np.inf, np.inf)
     blind: tuple[int, ...] = ()
-    motion: Motion = leader_twist
+    motion: LeaderPath = leader_twist
     current_m_per_s: Place = (0.0, 0.0, 0.0)
     start_m: Place = (-0.5, -0.2, 0.0)
     behind_m: float | None = None

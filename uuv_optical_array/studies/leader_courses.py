@@ -26,7 +26,7 @@ def at(points: Points, t_s: float) -> float:
 class Course:
     """A leader's motion by its time on the path: speeds, m/s, and turn rates, rad/s.
 
-    It is a `Motion`.
+    It is a `LeaderPath`.
     """
 
     surge: Points

@@ -259,3 +259,16 @@ def test_the_demonstrations_path_is_the_one_that_is_swum(table_of_follow):
     loop = loop_of(BY_NAME["nothing"], 1, "kinematic", table_of_follow, np.random.default_rng(1))
     assert loop.motion is leader_twist
     assert at(((0.0, 1.0), (2.0, 3.0)), 0.5) == 1.5
+
+
+def test_the_picture_has_a_line_for_each_kind_below_its_group():
+    rows = [closed_loop_figures.figures(kind, [[planted(np.zeros(200))]]) for kind in KINDS]
+    shares = envelope.draw(rows, "planted").axes[::2]
+    shown = [text.get_text() for axes in shares for text in axes.get_yticklabels()]
+    expected = []
+    for kind in KINDS:
+        expected += [kind.group] if kind.group not in expected else []
+        expected.append(kind.name)
+    assert shown == expected
+    assert len(shares) == 3
+    assert len({axes.get_ylim() for axes in shares}) == 1

@@ -157,7 +157,7 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
 
 
 def _in_columns(rows: Sequence[dict[str, Any]]) -> list[list[dict[str, Any] | str]]:
-    """Return rows below the titles of their groups, in two columns where they are many."""
+    """Return rows below the titles of their groups, in up to three columns of whole groups."""
     lines: list[dict[str, Any] | str] = []
     begins = []
     for row in rows:
@@ -165,10 +165,13 @@ def _in_columns(rows: Sequence[dict[str, Any]]) -> list[list[dict[str, Any] | st
             begins.append(len(lines))
             lines.append(row["group"])
         lines.append(row)
-    if len(lines) < 40:
-        return [lines]
-    half = min(begins, key=lambda begin: abs(begin - len(lines) / 2))
-    return [lines[:half], lines[half:]]
+    count = min(1 + len(lines) // 40, 3)
+    cuts = []
+    for i in range(1, count):
+        off = [abs(begin - len(lines) * i / count) for begin in begins]
+        cuts.append(begins[off.index(min(off))])
+    cuts = sorted({*cuts} - {0})
+    return [lines[i:j] for i, j in zip([0, *cuts], [*cuts, len(lines)], strict=True)]
 
 
 def _draw_part(

@@ -179,6 +179,7 @@ def _draw_part(
 ) -> None:
     """Draw a column of kinds on two axes, of as many lines as the longest has."""
     labels = []
+    distances.set(xscale="log", xlim=(0.02, FARTHEST_M))
     for y, row in enumerate(part):
         if isinstance(row, str):
             labels.append(row)
@@ -197,7 +198,7 @@ def _draw_part(
         if row["false_steered"] > FALSE_SHARE * row["frames"]:
             distances.plot(FARTHEST_M / 1.2, y, "x", color="k", ms=7, mew=2)
     shares.set(xlim=(0, 1), xticks=[], xlabel="runs")
-    distances.set(xscale="log", xlim=(0.02, FARTHEST_M), xlabel="off its station (m)", yticks=[])
+    distances.set(xlabel="off its station (m)", yticks=[])
     plain_log_ticks(distances.xaxis)
     distances.axvline(KEPT_M, color="k", lw=0.8, ls=":")
     distances.grid(axis="x", alpha=0.4)

@@ -59,7 +59,7 @@ class LastingResiduals:
         self._tests = self._clear and 0 < side**2 == constants.detectors <= MOST_TESTED
         self.mismatch = self.said = ""
         self.found = False
-        self._anew_ns = LONG_AGO_NS  # when all frames were last forgotten
+        self._anew_ns: list[int] = []  # when all frames were forgotten, of late
         self._by_detector = constants.by_detector
         # Time with frames, of it with uneven ones, as shares of the window; stamp of the last one.
         self._lit, self._uneven, self._light_ns = 0.0, 0.0, 0
@@ -113,11 +113,18 @@ class LastingResiduals:
 
     def misled(self, stamp_ns: int) -> bool:
         """Say whether what was learnt by a stamp, ns, is to be forgotten."""
-        return self.found and not 0 <= stamp_ns - self._anew_ns < FORGET_S * 1e9
+        last_ns = self._anew_ns[-1] if self._anew_ns else LONG_AGO_NS
+        return self.found and not 0 <= stamp_ns - last_ns < FORGET_S * 1e9
+
+    def repeats(self, stamp_ns: int) -> int:
+        """Return how often a mismatch was found in the last window, at least once."""
+        return max(sum(0 <= stamp_ns - each < WINDOW_S * 1e9 for each in self._anew_ns), 1)
 
     def begin_anew(self, stamp_ns: int, mismatch: str) -> None:
         """Forget all frames; a mismatch is said until those of a whole window show none."""
-        self.said, self.found, self._anew_ns = mismatch, False, stamp_ns
+        self.said, self.found = mismatch, False
+        of_late = [each for each in self._anew_ns if 0 <= stamp_ns - each < WINDOW_S * 1e9]
+        self._anew_ns = [*of_late, stamp_ns]
         if self._tests:
             self.mismatch = mismatch
             self._begin(LONG_AGO_NS)

@@ -34,4 +34,4 @@ class TrackerSettings:
     buffer_s: Annotated[float, Quantity("how late a frame may come", "s", 0, 10)] = 0.5
     constants_hold_s: Annotated[
         float, Quantity("time in which the sea's constants change", "s", 60, 1e7)
-    ] = 43_200.0
+    ] = 3600.0

@@ -235,8 +235,10 @@ class Tracker:
             with suppress(ValueError):  # not finite there
                 self._residuals.add(stamp_ns, checked_readings(near, self._constants))
         mismatch = self._residuals.say(biases, self._space)
-        if mismatch and newest.frame.readings is not None:  # it knows what one image knows
-            joint[POSE, POSE] += newest.frame.root @ newest.frame.root.T
+        if mismatch and newest.frame.readings is not None:
+            # It knows what one image knows, and less where the prior does not fit for long.
+            one_image = newest.frame.root @ newest.frame.root.T
+            joint[POSE, POSE] += self._residuals.repeats(stamp_ns) * one_image
         return Track(
             stamp_ns,
             mean[POSE].copy(),

@@ -49,14 +49,15 @@ def test_steady_motion_of_the_leader_leaves_no_lag(linear, turn, command):
 def test_follow_of_the_path_with_late_noisy_poses():
     errors, commands = follow(120, sam_noise(0), latency_ticks=6, tracked=True)
     errors[:, 3:] = np.degrees(errors[:, 3:])
-    # The start, half a metre off behind a leader that speeds up, stays in the light.
-    assert (np.abs(errors).max(axis=0) < [1.4, 0.5, 0.5, 9, 9]).all()
+    # The start, half a metre off behind a leader that speeds up, stays in the light. Each bound is
+    # five standard deviations, of other noise, above the mean.
+    assert (np.abs(errors).max(axis=0) < [1.4, 0.5, 0.5, 12.5, 11]).all()
     settled = errors[400:]
-    assert (np.sqrt((settled**2).mean(axis=0)) < [0.15, 0.2, 0.2, 3, 3]).all()
-    assert (np.abs(settled).max(axis=0) < [0.45, 0.5, 0.5, 9, 9]).all()
+    assert (np.sqrt((settled**2).mean(axis=0)) < [0.16, 0.2, 0.2, 3.8, 3.8]).all()
+    assert (np.abs(settled).max(axis=0) < [0.55, 0.5, 0.5, 12.5, 11]).all()
     acceleration = np.diff(commands[400:], axis=0) / TICK_S
-    assert (acceleration[:, :3].std(axis=0) < 0.12).all()
-    assert (np.degrees(acceleration[:, 4:]).std(axis=0) < 2.0).all()
+    assert (acceleration[:, :3].std(axis=0) < 0.19).all()
+    assert (np.degrees(acceleration[:, 4:]).std(axis=0) < 4.0).all()
 
 
 @pytest.mark.parametrize("kind", [Vehicle, BlueRov2])

@@ -156,7 +156,7 @@ def check_consistency(scene_of, start, fits, count, rng, pose_std=None, aims=TUR
         of_gains.append(gains)
         misfits.append(found.misfit)
     assert squares[0].keys() == named(found).keys()
-    low, high = stats.chi2.ppf(stats.norm.cdf([-4, 4]), fits) / fits
+    low, high = stats.chi2.ppf(stats.norm.cdf([-5, 5]), fits) / fits
     for name in squares[0]:
         mean = np.mean([fitted[name] ** 2 for fitted in squares])
         assert low < mean < high, name

@@ -120,7 +120,7 @@ PROMISES = (
            "start_aside_3,start_turned_100,start_far_12", ("lost", 0, "")),
     *loops("an equal lamp", "other_aside,other_crossing,other_ahead,other_out_10", ("lost", 0, "")),
     *loops("light returns dimly", "dim_aside,dim_turned", ("steered", 0, "")),
-    *loops("formation of four", "formation_4", ("lost", 0, ""), ("off", 0.5, "m")),
+    *loops("formation of four", "formation_4", ("lost", 0, ""), ("off", 0.2, "m")),
 )
 # fmt: on
 

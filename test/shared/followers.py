@@ -17,6 +17,23 @@ from uuv_optical_array.estimation.tracking.tracker import Tracker
 SETTINGS = FormationSettings(station_m=(-6.0, 0.0, 0.0))
 STATION = np.array([*SETTINGS.station_m, 0.0, 0.0])
 TICK_S = 0.05
+SLEW = SETTINGS.max_acceleration_m_per_s2 * TICK_S  # from a command to the next, m/s
+# Limits of a command, linear and angular, and of its change in 1 s.
+FASTEST = np.array(
+    [
+        SETTINGS.max_surge_m_per_s,
+        *[SETTINGS.max_sway_m_per_s] * 2,
+        0.0,
+        *np.radians([SETTINGS.max_turn_deg_per_s] * 2),
+    ]
+)
+HARDEST = np.array(
+    [
+        *[SETTINGS.max_acceleration_m_per_s2] * 3,
+        0.0,
+        *np.radians([SETTINGS.max_acceleration_deg_per_s2] * 2),
+    ]
+)
 GRID = np.array([0.33, 0.1, 0.1, np.radians(3.3), np.radians(3.3)])
 
 

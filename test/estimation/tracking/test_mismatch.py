@@ -142,16 +142,27 @@ def test_what_the_prior_lets_expect_is_learnt_without_alarm(seed):
     assert set(tests) == {""}
 
 
-def test_a_track_whose_images_are_not_of_the_scene_knows_next_to_nothing_of_its_pose():
-    tracker = Tracker(TrackerSettings())
-    track = tracker.update(1, [-6.0, 0.6, 0.8, 0.1, 0.0], 0.01 * np.eye(5))
-    assert not track.mismatch
-    tracker._residuals.mismatch = "lamp.power is off"
-    again = tracker.track()
-    assert again.mismatch == "lamp.power is off"
-    wider = np.diag(again.covariance - track.covariance)
-    np.testing.assert_allclose(wider, [*[37 / 4] * 3, 0.25, 0.25], rtol=1e-12)
-    np.testing.assert_array_equal(again.pose, track.pose)
+def test_while_a_mismatch_is_said_nothing_learnt_is_expected_and_an_image_counts_once_more():
+    rng, constants = np.random.default_rng(5), replace(CONSTANTS, gain_std=0.0)
+    light = rng.uniform(100, 900, SIDE**2)
+    of_pose = 300 * rng.standard_normal((SIDE**2, 5))
+    slopes = np.column_stack([of_pose, light, np.ones(SIDE**2)])
+    at = np.array([-6.0, 0.6, 0.8, 0.1, 0.0, 0.0, 0.0])
+    residuals = slopes[:, 5:] @ (0.8 * STDS) + rng.standard_normal(SIDE**2)
+    frame = LinearisedReadings(at, residuals, slopes, light, np.ones(SIDE**2))
+    root = 0.1 * np.tril(rng.uniform(0.2, 1.0, (5, 5)))
+    plain, told = (Tracker(TrackerSettings(), constants) for _ in range(2))
+    told.forget(1, "lamp.power is off")
+    without, track = (each.update(1, at[:5], root @ root.T, frame) for each in (plain, told))
+    assert (without.mismatch, track.mismatch) == ("", "lamp.power is off")
+    np.testing.assert_array_equal(track.pose, without.pose)
+    wider = track.covariance - without.covariance
+    np.testing.assert_allclose(wider, root @ root.T, rtol=1e-9, atol=1e-12)
+    for stamp_ns in (1, 60 * 10**9):
+        learnt, prior = plain.expected(stamp_ns), told.expected(stamp_ns)
+        assert (np.abs(learnt.mean) > 0.3 * STDS).all()
+        np.testing.assert_array_equal(prior.mean, [0.0, 0.0])
+        np.testing.assert_allclose(prior.covariance, np.diag(STDS**2), rtol=1e-12, atol=1e-12)
 
 
 def test_uneven_light_that_stays_is_named_soon_at_the_start_and_later_in_half_a_minute():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scenes import changed, coarse, squared_error, with_prior
+from scipy.linalg import eigh
 from scipy.stats import chi2, norm
 
 from uuv_optical_array.core.geometry import YAW
@@ -108,6 +109,31 @@ def test_a_dim_sea_that_is_hardly_moved_in_gets_no_sharp_and_wrong_track(estimat
         squares.append(squared_error(track, pose))
     # The sea itself is 2.5 standard deviations from what was believed.
     assert np.mean(squares[80:]) < 5 + 2.5**2
+
+
+def test_a_lamp_that_dims_by_a_tenth_is_said_and_the_track_stays_true_and_as_sure_as_images(
+    estimator,
+):
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(1)
+    poses, pipeline, squares, said = (
+        course(np.arange(500) / 5, 40.0, rng),
+        Pipeline(estimator),
+        [],
+        0,
+    )
+    for k, pose in enumerate(poses):
+        image = model.read((1.0 if k < 350 else 0.9) * model.light(pose), rng)
+        frame = pipeline.answer((k + 1) * 200_000_000, image)
+        if k < 350 or frame.track is None:
+            continue
+        squares.append(squared_error(frame.track, pose))
+        # The largest of all directions' variances, in those of the image by itself.
+        assert eigh(frame.track.covariance, frame.estimate.covariance)[0].max() < 3**2
+        said += frame.track.mismatch != ""
+    assert said > 5
+    assert len(squares) > 120
+    # Of five numbers, and of the lamp, which is off by the standard deviation of its prior.
+    assert np.mean(squares) < 2 * (5 + 1)
 
 
 def test_a_track_that_outliers_begin_anew_believes_nothing_that_it_learnt(estimator):

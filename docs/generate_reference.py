@@ -319,10 +319,15 @@ def topics() -> list[str]:
         "`relative_odometry` the track of many, `leader_pose` the lamp in the follower's "
         "`base_frame`. `use_image`, `use_commands`, `use_imu` and `use_range` let "
         "`estimator_node` take `array/image`, `cmd_vel`, `imu` and `range`, the distance from the "
-        "lamp to the follower's `base_link`. `markers` are beam and body by one node, the station "
-        "by the other, for RViz. A demonstration's leader hears `/diagnostics`, sets off by the "
+        "lamp to the follower's `base_link`, and `use_odometry` lets `formation_node` take "
+        "`odometry`, the follower's own. `follow_state` is what the follower does: its message is "
+        "[the state](../how_to/operations.md#states), its values are `reason`, `since (s)`, on the "
+        "clock of the stamps, and `for (s)`; it comes at each change and at 1 Hz, and lasts for "
+        "those who listen later. `markers` are beam and body by one node, station and state by the "
+        "other, for RViz. A demonstration's leader hears `/diagnostics`, sets off by the "
         "followers' `cmd_vel` and `follow_state`, and obeys `leader/cmd_vel`. "
-        "`formation_node` has the service `~/engage` (std_srvs/SetBool).",
+        "`formation_node` has the services `~/engage` (std_srvs/SetBool) and `~/search` "
+        "(std_srvs/Trigger).",
     ]
 
 

@@ -1,4 +1,6 @@
-"""The formation node in simulated time: the controller's command at every tick of the clock."""
+"""The formation node in simulated time: the law's command at every tick, and its state, as told."""
+
+import itertools
 
 import numpy as np
 import pytest
@@ -7,54 +9,78 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from odometries import time_of
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
-from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.following import Following, SearchSettings
+from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.core.geometry import body_twist, covariance_5x5
-from uuv_optical_array.nodes.formation_node import FormationNode
+from uuv_optical_array.nodes.formation_node import FormationNode, slow_station
 from uuv_optical_array.nodes.shared.messages import (
+    features_to_message,
     odometry_to_message,
     pose_to_message,
     rate_from_message,
 )
 
-OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+SIMULATED = {"use_sim_time": True}
 START = 100 * 10**9
 STEP = 10**8
 STATION = [-6.0, 0.0, 0.0, 0.0, 0.0]
 STILL = np.zeros(5)
+SPREAD = 0.16 * np.eye(6)
+SEARCH = SearchSettings()
 POSE_ASTERN = np.array([-7.0, 0.3, 0.2, 0.05, 0.1])
 
 
 def odometry(pose, rate=STILL, roll=0.1, frame="leader/beacon"):
     twist, covariance = body_twist(pose, rate, np.eye(10), roll)
-    where = pose_to_message(np.array(pose), np.eye(6), Header(frame_id=frame), roll)
+    where = pose_to_message(np.array(pose), SPREAD, Header(frame_id=frame), roll)
     return odometry_to_message(where, "base_link", twist, covariance)
 
 
 class Helm:
     """Ticks the clock of a formation node and collects its commands, one a tick."""
 
-    def __init__(self, lab, **parameters):
-        self.lab, self.now = lab, START
+    def __init__(self, lab, search=SEARCH, **parameters):
+        self.lab, self.now, self.search = lab, START, search
         self.engage_law()
-        lab.begin({"use_sim_time": True, "station_m": STATION[:3], **parameters})
+        given = {"station_m": STATION[:3], **vars(search), **parameters}
+        lab.begin({f"formation_node:{name}": value for name, value in given.items()} | SIMULATED)
         self.node = lab.start(FormationNode)
         self.poses = lab.talk(Odometry, "relative_odometry")
+        self.clouds = lab.talk(PointCloud2, "array/features")
         self.commands = lab.listen(TwistStamped, "cmd_vel")
+        self.states = lab.listen(DiagnosticStatus, "follow_state")
+        self.looks, look = [], self.node.on_look
+        self.node.on_look = lambda header: (look(header), self.looks.append(header.stamp))
         lab.connect()
         lab.tick(self.now)
 
     def engage_law(self):
         """Begin with a law of the test's own."""
-        self.law = FormationController(FormationSettings(station_m=tuple(STATION[:3])))
+        self.law = Following(FormationSettings(station_m=tuple(STATION[:3])), self.search)
+
+    def look(self):
+        """Tell node and law of an image of this instant that shows no light."""
+        stamp = time_of(self.now)
+        self.clouds.publish(features_to_message(None, Header(stamp=stamp)))
+        self.lab.until(lambda: stamp in self.looks, "the image")
+        self.law.looked(self.now * 1e-9)
+
+    def told(self, name):
+        """Wait until a state is told, and return how it is told at first."""
+        return self.lab.until(
+            lambda: next((state for state in self.states if state.message == name), None), name
+        )
 
     def see(self, pose, stamp=None, rate=STILL):
         """Tell node and law a pose and its rate, of this instant unless a stamp is given."""
         message, stamp = odometry(pose, rate), self.now if stamp is None else stamp
         message.header.stamp = time_of(stamp)
-        self.law.update(stamp * 1e-9, pose, covariance_5x5(pose, np.eye(6)), rate)
+        self.law.update(stamp * 1e-9, pose, covariance_5x5(pose, SPREAD), rate)
         self.lab.deliver(self.node, self.poses, message)
 
     def tick(self):
@@ -88,7 +114,7 @@ def test_nothing_is_commanded_before_the_first_pose(helm):
     assert [command.header.stamp for command in helm.commands] == [time_of(helm.now)]
 
 
-def test_every_command_is_the_controllers_at_the_simulated_time_in_the_followers_frame(lab):
+def test_every_command_is_the_laws_at_the_simulated_time_in_the_followers_frame(lab):
     helm, rng = Helm(lab, base_frame="rov/base_link"), np.random.default_rng(2)
     for i in range(30):
         if i % 3 != 1:  # the light flickers
@@ -125,7 +151,7 @@ def test_a_command_that_is_not_finite_is_held_back_and_told(helm, monkeypatch):
     helm.see(POSE_ASTERN)
     with monkeypatch.context() as patch:
         broken = np.array([0.0, np.nan, 0.0]), np.zeros(3)
-        patch.setattr(helm.node.controller, "command", lambda now: broken)
+        patch.setattr(helm.node.following, "command", lambda now: broken)
         helm.tick()
         helm.lab.report(helm.node, WARN, "not finite: twist.linear.y of /cmd_vel")
     helm.check_command()
@@ -211,3 +237,161 @@ def test_a_track_in_another_frame_is_refused(helm, frame):
     )
     helm.tick()
     assert not helm.commands
+
+
+def values(status):
+    return {pair.key: pair.value for pair in status.values}
+
+
+def test_without_light_it_coasts_searches_and_ends_and_tells_of_each_at_once(lab):
+    helm = Helm(lab, SearchSettings(coast_s=2.0, search_time_s=4.0))
+    assert helm.told("waiting").level == WARN
+    leader_rate = [-0.3, 0.0, 0.0, 0.0, 0.0]  # it swims away
+    for _ in range(10):
+        helm.see(STATION, rate=leader_rate)
+        helm.check_command()
+    seen = helm.now - STEP  # the stamp of the last pose
+    locked = helm.told("locked")
+    assert (locked.level, locked.name, locked.hardware_id) == (
+        OK,
+        "formation_node",
+        "uuv_optical_array",
+    )
+    helm.lab.report(helm.node, OK)
+    # It is coasting at the first command after light_timeout_s, and so on.
+    ends = ("coasting", WARN, 1.0), ("searching", WARN, 2.0), ("lost", ERROR, 4.0)
+    for name, level, after in ends:
+        while (helm.now - seen) * 1e-9 <= after + 0.01:
+            helm.look()
+            moving = helm.check_command()
+        told = helm.told(name)
+        assert told.level == level
+        assert float(values(told)["since (s)"]) == pytest.approx(helm.now * 1e-9)
+        assert values(told)["reason"] == helm.law.state.reason
+        report = helm.lab.report(helm.node, WARN, f"{name}: {helm.law.state.reason}")
+        assert f"cure: {name}" in values(report)
+        if name == "coasting":
+            assert moving[0] > 0.1  # it does not stop for its leader
+    names = [key for key, _ in itertools.groupby(state.message for state in helm.states)]
+    assert names == ["waiting", "locked", "coasting", "searching", "lost"]
+    late = helm.lab.listen_late(DiagnosticStatus, "follow_state")
+    helm.lab.until(lambda: late, "the last state, for one who comes later")
+    assert late[0].message == "lost"
+    for _ in range(12):
+        helm.see(STATION)
+        helm.check_command()
+    assert values(helm.told("locked"))["reason"]
+    helm.lab.report(helm.node, OK)
+
+
+def test_a_state_is_told_again_and_again_with_how_long_it_lasts(helm):
+    helm.see(STATION)
+    helm.command()
+    since = f"{(START + STEP) * 1e-9:.9f}"
+    for _ in range(14):
+        helm.see(STATION)
+        helm.command()
+
+    def told():
+        return [(values(state)["since (s)"], values(state)["for (s)"]) for state in helm.states]
+
+    helm.lab.until(lambda: (since, "1.4") in told(), "the state after 1.4 s")
+    assert (since, "0.0") in told()
+
+
+def test_a_search_is_begun_by_a_service_and_refused_where_there_is_nothing_to_search(lab):
+    helm = Helm(lab, SearchSettings(coast_s=60.0, search_start_s=0.0, search_time_s=3.0))
+
+    def search():
+        answer = lab.call(Trigger, "formation_node/search")
+        return answer.success, answer.message
+
+    def dark(seconds):
+        for _ in range(round(10 * seconds)):
+            helm.look()
+            helm.tick()
+
+    helm.see(STATION)
+    helm.command()
+    assert search() == (False, "it is locked: the leader's light steers")
+    dark(1.5)
+    helm.told("coasting")
+    assert search() == (True, "it searches for 3 s at most")
+    helm.told("searching")
+    dark(2.0)
+    helm.told("lost")
+    lab.call(SetBool, "formation_node/engage", data=False)
+    success, words = search()
+    assert not success
+    assert "call ~/engage" in words
+
+
+def test_a_search_that_ended_can_be_begun_again(lab):
+    helm = Helm(lab, SearchSettings(coast_s=1.0, search_start_s=0.0, search_time_s=2.0))
+    helm.see(STATION)
+    helm.command()
+    for _ in range(25):
+        helm.look()
+        helm.tick()
+    helm.told("lost")
+    helm.states.clear()
+    assert lab.call(Trigger, "formation_node/search").success
+    helm.told("searching")
+    for _ in range(10):
+        helm.look()
+        helm.tick()
+    assert "lost" not in [state.message for state in helm.states]
+
+
+def test_in_the_dark_it_knows_its_way_by_its_odometry_where_it_is_told_to(lab):
+    helm = Helm(lab, use_odometry=True)
+    odometries = lab.talk(Odometry, "odometry")
+    heard, moved = [], helm.node.following.moved
+    helm.node.following.moved = lambda *given: (moved(*given), heard.append(given))
+    lab.connect()
+
+    def swim(surge, frame="base_link"):
+        message = Odometry(child_frame_id=frame)
+        message.header.stamp, before = time_of(helm.now), len(heard)
+        message.twist.twist.linear.x, message.twist.twist.linear.z = surge, 0.1
+        message.twist.twist.angular.y = 0.02
+        odometries.publish(message)
+        lab.until(lambda: len(heard) > before, "the odometry")
+        helm.law.moved(helm.now * 1e-9, [surge, 0, 0.1], [0, 0.02, 0])
+
+    helm.see(STATION)
+    helm.check_command()
+    for _ in range(30):
+        swim(-0.5)  # a current carries it astern
+        helm.look()
+        found = helm.check_command()
+    other = Following(FormationSettings(station_m=tuple(STATION[:3])), helm.search)
+    assert found[0] > 0.3  # it swims back
+    assert helm.law.state.name == "coasting"
+    assert other.state.name == "waiting"
+    linear, angular = heard[-1][1:]
+    np.testing.assert_allclose([linear, angular], [[-0.5, 0, 0.1], [0, 0.02, 0]])
+    swim(0.2, "hull_frd")
+    np.testing.assert_allclose(heard[-1][1:], [[0.2, 0, -0.1], [0, -0.02, 0]])
+    damaged = Odometry()
+    damaged.twist.twist.linear.x = np.nan
+    lab.deliver(helm.node, odometries, damaged)
+    lab.report(helm.node, WARN, "odometry, not finite")
+
+
+def test_a_station_that_a_minimum_distance_slows_is_said(helm):
+    helm.see(STATION)
+    helm.command()
+    assert helm.lab.set(helm.node, "light_timeout_s", 4.0).successful
+    # 6 - 2 m within 4 + 3 / 2 s.
+    report = helm.lab.report(helm.node, WARN, "slow station: 4 m", "0.73 m/s at most", "is 1.4")
+    assert "cure: slow station" in values(report)
+    assert helm.lab.set(helm.node, "min_distance_m", 0.0).successful
+    helm.see(STATION)
+    helm.lab.report(helm.node, OK)
+    refused = helm.lab.set(helm.node, "min_distance_m", 6.5)
+    assert not refused.successful
+
+
+def test_the_default_station_is_as_fast_as_its_law():
+    assert slow_station(FormationSettings()) == ""

@@ -1,59 +1,85 @@
-"""From the track of the follower to the velocity command that keeps station behind the leader."""
+"""From the track of the follower to the velocity command that keeps station behind the leader.
+
+Without light it coasts, searches and ends as `control.following` says, and tells its state.
+"""
 
 import math
 from functools import partial
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
-from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.following import Following, SearchSettings, State
+from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.core.geometry import Array, covariance_5x5
-from uuv_optical_array.core.messages import stamp_ns
+from uuv_optical_array.core.messages import checked_twist, stamp_ns
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.nodes.shared import markers, messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.node import LASTING, publish, run, steady_clock, subscribe
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
+from uuv_optical_array.nodes.shared.state_teller import StateTeller
 
 PARAMETERS = {
     **shared("frame_prefix", "base_frame", "beacon_frame"),
     **parameters_of(FormationSettings),
+    **parameters_of(SearchSettings),
     "rate_hz": Parameter(10.0, Quantity("commands a second", "Hz", 0.1, 1000), True),
     "start_engaged": Parameter(
         True, Quantity("steer from the start, or when ~/engage says so"), True
     ),
+    "use_odometry": Parameter(
+        False, Quantity("read the follower's own motion from odometry, for the dark"), True
+    ),
 }
+ENOUGH = 0.7  # of max_surge_m_per_s, that a follower at its station has to be allowed
 
 
 class FormationNode(Node):
-    """Command the follower to its station; slow it to a stop when the light is lost.
+    """Command the follower to its station, and to find its leader again when the light is gone.
 
-    Tracks come by topic where it is `subscribed`; else a node of the same process calls `on_track`.
-    The service ``~/engage`` (std_srvs/SetBool) lets it steer, or stops the follower and lets it go.
+    Tracks and key parameters come by topic where they are `subscribed`; else nodes of the same
+    process call `on_track` and `on_look`. The service ``~/engage`` (std_srvs/SetBool) lets it
+    steer, or stops the follower and lets it go; ``~/search`` (std_srvs/Trigger) begins a search.
     """
 
     def __init__(self, subscribed: bool = True, **options: Any) -> None:
         super().__init__("formation_node", **options)
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
-        self.controller = FormationController(self.settings({}))
+        self.following = Following(*self.settings({}))
+        self.image_s = -math.inf  # stamp of the newest image
         self.diagnostics = Diagnostics(self)
         self.commands = publish(self, TwistStamped, "cmd_vel")
         self.shapes = markers.Shapes(self, publish(self, MarkerArray, "markers", LASTING))
-        self.shown: Any = None  # frame and station of the marker that was published
+        self.station: tuple[list[float], str] | None = None  # of the marker, and its frame
+        self.teller = StateTeller(self, publish(self, DiagnosticStatus, "follow_state", LASTING))
         if subscribed:
             subscribe(self, Odometry, "relative_odometry", self.on_message)
+            subscribe(self, PointCloud2, "array/features", self.on_features)
+        if self.parameters["use_odometry"]:
+            subscribe(self, Odometry, "odometry", self.on_odometry)
         self.create_service(SetBool, "~/engage", self.on_engage)
-        self.engage(self.parameters["start_engaged"])
+        self.create_service(Trigger, "~/search", self.on_search)
+        if not self.parameters["start_engaged"]:
+            self.following.engage(False, self.now_s())
+        self.slow = slow_station(self.settings({})[0])
+        self.tell_state()
         period_s = 1.0 / self.parameters["rate_hz"]
         self.timer = self.create_timer(period_s, self.on_timer, clock=steady_clock(self))
 
-    def settings(self, changes: dict[str, Any]) -> FormationSettings:
+    def now_s(self) -> float:
+        """Return the time on the clock of the stamps, s."""
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
+    def settings(self, changes: dict[str, Any]) -> tuple[FormationSettings, SearchSettings]:
         """Return the settings with a change; ValueError for a station that cannot be reached."""
         settings = self.parameters.settings(FormationSettings, changes)
         range_m = math.hypot(*settings.station_m)
@@ -62,7 +88,12 @@ class FormationNode(Node):
                 f"min_distance_m: {settings.min_distance_m:g} is beyond the station, which is "
                 f"{range_m:.3g} m from the lamp; lower it, or move station_m away"
             )
-        return settings
+        return settings, self.parameters.settings(SearchSettings, changes)
+
+    @property
+    def engaged(self) -> bool:
+        """Whether it steers."""
+        return self.following.state.name != "disengaged"
 
     def on_engage(self, request: Any, response: Any) -> Any:
         """Steer from the next track on, or stop the follower and leave it to others."""
@@ -72,20 +103,41 @@ class FormationNode(Node):
             response.message = "it commanded a stop, and commands nothing until it is engaged"
         if request.data != self.engaged:
             # Nothing is left of the time before, as others may have commanded since.
-            self.controller = FormationController(self.settings({}))
-            self.engage(request.data)
+            self.following.engage(request.data, self.now_s())
+            self.tell_state()
             if not request.data:
                 self.send(np.zeros(3), np.zeros(3))
         return response
 
-    def engage(self, wanted: bool) -> None:
-        """Note whether it steers, and tell the diagnostics."""
-        self.engaged = wanted
-        self.diagnostics.warn("" if wanted else "not engaged: the follower is left to others")
+    def on_search(self, request: Any, response: Any) -> Any:
+        """Search for the leader now, unless it is seen or the follower is left to others."""
+        name = self.following.state.name
+        response.success = name not in ("disengaged", "locked")
+        if name == "disengaged":
+            response.message = "it is not engaged: call ~/engage with true first"
+        elif name == "locked":
+            response.message = "it is locked: the leader's light steers"
+        else:
+            if name == "lost":  # the search that ended has used up its time
+                self.following.engage(True, self.now_s())
+                self.following.looked(self.image_s)
+            self.following.search(self.now_s())
+            self.tell_state()
+            response.message = f"it searches for {self.parameters['search_time_s']:g} s at most"
+        return response
+
+    def tell_state(self) -> None:
+        """Tell a state that is new to all who follow it."""
+        if self.teller.note(self.following.state, self.now_s()):
+            self.show()
+        self.diagnostics.warn(self.slow, self.teller.warning)
 
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over a parameter that was set while the node runs."""
-        self.controller.configure(self.settings(changes))
+        settings, search = self.settings(changes)
+        self.following.configure(settings, search)
+        self.slow = slow_station(settings)
+        self.tell_state()
 
     def on_message(self, message: Odometry) -> None:
         """Take a track from outside, which may be of anything."""
@@ -96,35 +148,75 @@ class FormationNode(Node):
             self.diagnostics.refuse(f"wrong frame: the track is in {given!r}, not in {own}")
 
     def on_track(self, message: Odometry) -> None:
-        """Tell the controller where the follower is, and how it moves."""
+        """Tell the law where the follower is, and how it moves."""
         stamp = stamp_ns(message.header)
         with self.diagnostics.refusing():
             pose = messages.pose_from_message(message)
             covariance = covariance_5x5(pose, messages.covariance_from_message(message))
             rate = messages.rate_from_message(message)
-            self.controller.update(stamp * 1e-9, pose, covariance, rate)
+            self.following.update(stamp * 1e-9, pose, covariance, rate)
             self.diagnostics.answer(stamp, lambda: {"range_m": f"{-pose[0]:.2f}"})
             self.show_station(message.header.frame_id)
+        self.tell_state()
+
+    def on_features(self, message: PointCloud2) -> None:
+        """Note that an image was taken, with light or without, as a topic tells."""
+        self.on_look(message.header)
+
+    def on_look(self, header: Header) -> None:
+        """Note that an image was taken, with light or without."""
+        self.image_s = stamp_ns(header) * 1e-9
+        self.following.looked(self.image_s)
+
+    def on_odometry(self, message: Odometry) -> None:
+        """Tell the law how the follower moves by its own instruments."""
+        with self.diagnostics.refusing("odometry"):
+            linear, angular = checked_twist(message.twist.twist, message.child_frame_id)
+            self.following.moved(stamp_ns(message.header) * 1e-9, linear, angular)
 
     def show_station(self, frame: str) -> None:
         """Show the station in the frame of the lamp, where it is not there yet."""
-        place = list(self.parameters["station_m"])
-        if self.shown != (place, frame):
-            self.shown = place, frame
-            self.shapes.show([markers.station(np.array(place), frame)])
+        station = list(self.parameters["station_m"]), frame
+        if self.station != station:
+            self.station = station
+            self.show()
+
+    def show(self) -> None:
+        """Show the state above the follower, and the station."""
+        told: State = self.teller.state
+        shapes = [markers.state(told, self.parameters.frame("base_frame"))]
+        if self.station is not None:
+            place, frame = self.station
+            shapes.append(markers.station(np.array(place), frame))
+        self.shapes.show(shapes)
 
     def on_timer(self) -> None:
-        """Publish the command, from the first pose on."""
-        now_s = self.get_clock().now().nanoseconds * 1e-9
-        command = self.controller.command(now_s) if self.engaged else None
+        """Publish the command, from the first pose or the first search on."""
+        command = self.following.command(self.now_s())
         if command is not None:
             self.send(*command)
+        self.tell_state()
 
     def send(self, linear: Array, angular: Array) -> None:
         """Publish a command, m/s and rad/s."""
         now, frame = self.get_clock().now().to_msg(), self.parameters.frame("base_frame")
         message = messages.twist_to_message(linear, angular, Header(stamp=now, frame_id=frame))
         self.commands.publish(message)
+
+
+def slow_station(s: FormationSettings) -> str:
+    """Say that the minimum distance slows a follower at its station; empty where it does not."""
+    if s.min_distance_m == 0:
+        return ""
+    # As the law caps the speed towards the lamp, lest the light go out.
+    spare_m = math.hypot(*s.station_m) - s.min_distance_m
+    most = spare_m / (s.light_timeout_s + s.stop_time_s / 2)
+    if most >= ENOUGH * s.max_surge_m_per_s:
+        return ""
+    return (
+        f"slow station: {spare_m:.3g} m from the minimum distance a follower swims {most:.2g} m/s "
+        f"at most, and max_surge_m_per_s is {s.max_surge_m_per_s:g}"
+    )
 
 
 main = partial(run, FormationNode)

@@ -8,6 +8,7 @@ import yaml
 from rclpy.parameter import Parameter
 from visualization_msgs.msg import MarkerArray
 
+from uuv_optical_array.control.following import State
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.scene import load_scene
@@ -52,6 +53,21 @@ def test_body_and_station_are_upright_in_the_axes_of_their_frames(end, up):
     assert (place.x, place.y, place.z) == (-5.0, up * 1.0, up * 2.0)
 
 
+@pytest.mark.parametrize(("end", "up"), [("", 1), ("_frd", -1)])
+def test_the_state_stands_above_the_follower_in_words_and_a_colour_of_its_own(end, up):
+    texts = {
+        name: markers.state(State(name, 3.0, "it is so"), f"rov/base_link{end}")
+        for name in ("locked", "coasting", "lost")
+    }
+    assert texts["lost"].text == "lost\nit is so"
+    assert {up * text.pose.position.z for text in texts.values()} == {1.2}
+    red = texts["lost"].color
+    green = texts["locked"].color
+    assert red.r > 2 * red.g
+    assert green.g > 2 * green.r
+    assert texts["coasting"].color not in (red, green)
+
+
 def test_they_reach_a_listener_that_comes_later_again_and_again(lab, scene_file):
     lab.begin({"scene": scene_file, "estimator_node:method": "sam", "frame_prefix": "rov/"})
     lab.start(EstimatorNode)
@@ -71,7 +87,7 @@ def test_they_reach_a_listener_that_comes_later_again_and_again(lab, scene_file)
     beam, body = "rov/leader/beacon", "rov/base_link_by_light"
     assert {marker.ns: marker.header.frame_id for marker in heard()} == {
         **{"beam_1_sigma": beam, "beam_2_sigma": beam, "station": beam},
-        **{"hull": body, "fin": body},
+        **{"hull": body, "fin": body, "state": "rov/follower/base_link"},
     }
     formation.set_parameters([Parameter("station_m", value=[-5.0, 0.0, 0.0])])
     formation.show_station("rov/leader/beacon")

@@ -34,6 +34,16 @@ def several_publishers(node: Node, topic: str) -> str:
     return f"several publishers: {topic} of {' and '.join(publishers(node, topic))}; {SEPARATE}"
 
 
+def status_name(node: Node) -> str:
+    """Return the name of a node's status."""
+    return node.get_fully_qualified_name().lstrip("/")
+
+
+def hardware_id(node: Node) -> str:
+    """Return the hardware's name in a node's status: its namespace."""
+    return node.get_namespace().strip("/") or "uuv_optical_array"
+
+
 class Diagnostics:
     """Count what a node answered and what it refused, and publish both at 1 Hz.
 
@@ -140,9 +150,9 @@ class Diagnostics:
         }
         status = DiagnosticStatus(
             level=level,
-            name=self._node.get_fully_qualified_name().lstrip("/"),
+            name=status_name(self._node),
             message=text,
-            hardware_id=self._node.get_namespace().strip("/") or "uuv_optical_array",
+            hardware_id=hardware_id(self._node),
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
         message = DiagnosticArray(status=[status])

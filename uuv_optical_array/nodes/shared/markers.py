@@ -1,4 +1,4 @@
-"""What RViz shows of the light: beam, station and the follower's body, each in its own frame."""
+"""What RViz shows: beam, station, the follower's body and its state, each in its own frame."""
 
 import numpy as np
 from geometry_msgs.msg import Point
@@ -8,6 +8,8 @@ from rclpy.node import Node
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from uuv_optical_array.control.follow_states import COLOURS
+from uuv_optical_array.control.following import State
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.messages import signs
 from uuv_optical_array.forward.scene import Scene
@@ -16,6 +18,7 @@ from uuv_optical_array.view import shapes
 
 LAMP, FOLLOWER, STATION = (1.0, 0.9, 0.5), (0.3, 0.7, 1.0), (1.0, 1.0, 1.0)  # red, green, blue
 PERIOD_S = 1.0
+ABOVE_M, TALL_M = 1.2, 0.3  # of the state's text: above the follower, and its letters
 
 
 class Shapes:
@@ -56,6 +59,16 @@ def station(place_m: Array, frame: str) -> Marker:
     marker.scale.x = marker.scale.y = marker.scale.z = 0.3
     place = marker.pose.position
     place.x, place.y, place.z = map(float, signs(frame)[:3] * place_m)
+    return marker
+
+
+def state(told: State, frame: str) -> Marker:
+    """Return a follower's state and its reason as a text above it."""
+    red, green, blue = (int(COLOURS[told.name][i : i + 2], 16) / 255 for i in (1, 3, 5))
+    marker = _marker("state", frame, Marker.TEXT_VIEW_FACING, (red, green, blue), 1.0)
+    marker.text = f"{told.name}\n{told.reason}"
+    marker.scale.z = TALL_M
+    marker.pose.position.z = float(signs(frame)[2] * ABOVE_M)
     return marker
 
 

@@ -82,6 +82,12 @@ WARNINGS = {
     "zero stamp": "Let the driver stamp each exposure.",
     "dark lamp": "Look whether it is on, and what may hide it.",
     "faulty detector": "Clean or repair it; until then name it in `effects.detector_faults`.",
+    "coasting": "Look whether the lamp shines and what hides it. It searches after `coast_s`.",
+    "searching": "Wait, or bring the leader's lamp into view. `~/engage` with false stops it.",
+    "lost": "Bring the lamp into view, which is followed again, or call `~/search`.",
+    "slow station": (
+        "Move `station_m` away, or lower `min_distance_m`, `light_timeout_s` or `stop_time_s`."
+    ),
     "not engaged": "Call its service `~/engage` (std_srvs/SetBool) with true.",
     "follower waits": "Start the leader (`demo:=leader`), or let `leader_odometry` name its topic.",
     "left out": "Start that vehicle, or name in `others` those alone that there are.",

@@ -51,6 +51,7 @@ CAUSES = {
     "readings": "They could not be linearised.",
     "no leader": "Its odometry lags far behind the follower's.",
     "no leader pose at the follower's stamp": "Its odometry has a gap or begins later.",
+    "no state": "The message is not that of a formation node.",
     "frames differ": "The odometries are in two frames.",
     "paused": (
         "The simulated clock jumped, or the node had no time for seconds; no vehicle moved."

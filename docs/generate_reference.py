@@ -438,7 +438,7 @@ def commands() -> list[str]:
         "after Ctrl-C; a study then reports what it has.",
         "## Common options",
         option_list({name: of for name, of in common.items() if name not in settings}),
-        "By `--set`, of a bag (`calibrate` takes no commands):",
+        "By `--set`, of a bag (`calibrate` takes neither commands nor states):",
         option_list({name: common[name] for name in settings}),
     ]
     for parser in parsers:

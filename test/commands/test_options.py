@@ -134,6 +134,7 @@ REFUSED = [
     (("view", "bag", "--set", "image_topic"), "image_topic: no value; give image_topic=VALUE"),
     (("view", "--set", "image_topic=a"), "--set image_topic: no bag is read; name one, or leave"),
     (("calibrate", "bag", "--set", "commands_topic=a"), "commands_topic: unknown key"),
+    (("calibrate", "bag", "--set", "states_topic=a"), "states_topic: unknown key"),
     (("calibrate", "bag", "--set", "beacon_position_m=0,0,nan"), "beacon_position_m[2]: nan is"),
     (("calibrate", "bag", "--set", "max_gap_s=0"), "max_gap_s: 0.0 is out of bounds"),
     (("calibrate", "bag", "--set", "position_std_m=-1"), "position_std_m: -1.0 is out"),

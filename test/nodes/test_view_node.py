@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
 from odometries import odometry
 from rclpy.time import Time
@@ -9,6 +10,8 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
+from uuv_optical_array.control.follow_states import values_of
+from uuv_optical_array.control.following import State
 from uuv_optical_array.core.geometry import covariance_6x6
 from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.nodes.shared.messages import (
@@ -16,6 +19,7 @@ from uuv_optical_array.nodes.shared.messages import (
     odometry_to_message,
     pose_to_message,
 )
+from uuv_optical_array.nodes.shared.node import LASTING
 from uuv_optical_array.nodes.view_node import WAITING
 
 START_NS = 1_700_000_000 * 10**9
@@ -113,6 +117,30 @@ def test_the_truth_is_that_of_both_odometries_and_the_place_of_the_lamp(lab, vie
     np.testing.assert_allclose(seen.true_pose, POSE, atol=1e-9)
     np.testing.assert_allclose(seen.leader[0], leader - 0.5 * leads[:, 0])
     np.testing.assert_allclose(seen.leader[1], leads, atol=1e-12)
+
+
+def test_what_the_follower_does_is_shown_on_the_clock_of_the_images(lab, view):
+    states = lab.probe.create_publisher(DiagnosticStatus, "follow_state", LASTING)
+
+    def tell(name, tenths):
+        values = values_of(State(name, START_NS * 1e-9 + 0.1 * tenths, f"it is {name}"), 0.0)
+        pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+        states.publish(DiagnosticStatus(message=name, values=pairs))
+
+    send_image(lab, view, 0)
+    send_image(lab, view, 1)
+    tell("coasting", -30)
+    lab.until(lambda: view.state, "the state")
+    send_image(lab, view, 2)
+    tell("gliding", 0)
+    lab.report(view, DiagnosticStatus.WARN, "follow_state, no state")
+    tell("lost", 1)
+    lab.until(lambda: view.state.name == "lost", "the next state")
+    send_image(lab, view, 3)
+    assert [sight.state and sight.state.name for sight in view.seen] == [None, "coasting", "lost"]
+    since = [sight.state.since_s for sight in view.seen[1:]]
+    assert since == pytest.approx([-3.0, 0.1], abs=1e-5)
+    assert view.seen[2].state.reason == "it is lost"
 
 
 def test_fast_images_are_thinned_and_a_clock_set_back_begins_anew(lab, view):

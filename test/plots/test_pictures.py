@@ -13,6 +13,8 @@ from measured import ALL_METHODS, row
 
 from uuv_optical_array.commands import render
 from uuv_optical_array.control.follow_record import FollowRecord
+from uuv_optical_array.control.follow_states import COLOURS
+from uuv_optical_array.control.following import State
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots import follow, style
@@ -66,6 +68,27 @@ def test_a_run_has_no_negative_zero_and_says_what_is_drawn():
     images = [a for a in panels if a.get_xlabel() == "column, to starboard" and a.get_visible()]
     scales = {image.collections[0].get_clim() for image in images}
     assert scales == {(0.0, 240.0)}  # one colour bar is that of all
+
+
+def test_a_picture_of_a_run_shows_what_the_follower_did_over_time_in_bands_by_follower():
+    first, second = run_of(), run_of()
+    first.states[:] = [State("locked", -1.0, ""), State("coasting", 4.0, "")]
+    second.states[:] = [State("searching", 7.0, "")]
+    figure = follow.draw_follow([first, second])
+    (errors,) = (part for part in figure.subfigs if len(part.axes) == 5)
+    for axes in errors.axes:
+        below = axes.get_xaxis_transform()  # x in seconds, y from 0 to 1
+        bands = [patch for patch in axes.patches if patch.get_label() in COLOURS]
+        assert [patch.get_label() for patch in bands] == ["locked", "coasting", "searching"]
+        corners = [
+            below.inverted().transform(patch.get_window_extent().get_points()) for patch in bands
+        ]
+        np.testing.assert_allclose(
+            [c[:, 0] for c in corners], [[0, 4], [4, 19], [7, 19]], atol=1e-9
+        )
+        np.testing.assert_allclose([c[0, 1] for c in corners], [0, 0, follow.BAND], atol=1e-9)
+    (legend,) = errors.legends
+    assert {"locked", "coasting", "searching"} < {text.get_text() for text in legend.get_texts()}
 
 
 def test_rows_of_images_use_the_whole_scale_and_ticks_are_detectors():

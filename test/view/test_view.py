@@ -1,5 +1,6 @@
 """The page of the live view, in plain numbers and in a real Chromium."""
 
+import math
 import re
 import socket
 import sys
@@ -15,13 +16,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.control.following import State
 from uuv_optical_array.estimation.pipeline import Answer
 from uuv_optical_array.view.browser import Browser, installed
-from uuv_optical_array.view.page import Page, Slider, known, words
+from uuv_optical_array.view.page import Page, Slider, headline, known, words
 from uuv_optical_array.view.shapes import ellipsoid
 from uuv_optical_array.view.sight import WINDOW_S, Sight, Window, note_on
 
 TRUE = np.array([-6.0, 0.3, -0.2, 0.1, 3.1])
+STATE = "coasting for 5 s", "the lamp is hidden"
+COASTING = State("coasting", -2.0, "the lamp is hidden")
 SPREAD = np.diag([0.04, 0.01, 0.0025, 1e-4, 4e-4])  # sigma 0.2, 0.1, 0.05 m, 0.57, 1.15 deg
 
 
@@ -103,6 +107,26 @@ def test_the_numbers_are_in_metres_and_degrees():
     assert note_on(Answer(0, None, None, "no light: 2 counts")) == "no light: 2 counts"
 
 
+def test_the_state_is_shown_with_its_time_and_the_end_of_a_search_with_its_cure():
+    def shown(name, since_s, again=""):
+        html = headline(State(name, since_s, "why < so"), 12.4, again)
+        (colour,) = re.findall(r"font-size:22px;color:(#\w{6})", html)
+        return re.findall(r"<b[^>]*>([^<]*)</b>", html), "why &lt; so" in html, colour
+
+    coasting, locked = shown("coasting", 9.3), shown("locked", -2.0)
+    lost = shown("lost", 2.0, "start again")
+    assert [text for (text,), *_ in (coasting, locked, lost)] == [
+        "coasting for 3 s",
+        "locked for 14 s",
+        "lost: start again",
+    ]
+    assert all(why for _, why, _ in (coasting, locked, lost))
+    assert len({colour for *_, colour in (coasting, locked, lost)}) == 3
+    assert shown("lost", 2.0)[0] == ["lost for 10 s"]
+    assert shown("waiting", math.nan)[0] == ["waiting"]
+    assert "<b" in headline(None, 0.0)
+
+
 def test_without_viser_it_says_what_to_install(scene, monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(ValueError, match=r"-m pip install 'viser>=1\.1'"):
@@ -160,9 +184,14 @@ def colours(browser):
     return np.rint(255 * picture[..., :3]).astype(int)
 
 
+def sea(picture):
+    """Return the part of the page that is the sea."""
+    return picture[:, 300:-360]
+
+
 def orange(picture):
     """Return how many pixels have a colour that only the leader has."""
-    red, green, blue = np.moveaxis(picture[:, 300:-360], -1, 0)
+    red, green, blue = np.moveaxis(sea(picture), -1, 0)
     return np.sum((red > 150) & (green > 80) & (green < 190) & (blue < 60))
 
 
@@ -177,10 +206,17 @@ def test_a_browser_shows_numbers_charts_image_and_leader_and_moves_a_slider(page
             page.show(sight(100.0 + i, pose=np.full(5, 50.0)))
         page.show(sight(0.0, pose=None, covariance=None))
         for i in range(1, 30):
-            page.show(sight(0.1 * i, note="no light: it is off"))
+            page.show(sight(0.1 * i, note="no light: it is off", state=COASTING, lit=(True,)))
         charts = browser.until(CHARTS)
         text = browser.until("document.body.innerText.includes('2.9 s') && document.body.innerText")
-        for line in ("a test", "K (1/m)", "x (m)", "estimate less truth", "no light: it is off"):
+        for line in (
+            "a test",
+            "K (1/m)",
+            "x (m)",
+            "estimate less truth",
+            "no light: it is off",
+            *STATE,
+        ):
             assert line in text
         assert "brightest detector 400 counts" in text
         assert "-6.10" in text  # the estimate of x
@@ -196,6 +232,10 @@ def test_a_browser_shows_numbers_charts_image_and_leader_and_moves_a_slider(page
         end = time.monotonic() + PATIENCE_S
         while orange(colours(browser)) < 50:  # without a graphics card the first takes its time
             assert time.monotonic() < end, "no leader to be seen"
+        lit = sea(colours(browser))
+        page.show(sight(3.0, lit=(False,)))
+        while np.sum(np.abs(sea(colours(browser)) - lit).max(axis=-1) > 3) < 2000:
+            assert time.monotonic() < end, "the beam of a lamp that is off"
         assert browser.evaluate(
             "performance.getEntriesByType('resource').every("
             "r => r.name.startsWith(location.origin)"

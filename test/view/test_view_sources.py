@@ -10,6 +10,7 @@ import pytest
 from command_line import begun, ended
 from scenes import squared_error
 
+from uuv_optical_array.control.following import State
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.recording.images import Recording
@@ -62,6 +63,8 @@ def test_sliders_act_between_two_steps_and_a_button_begins_again(table):
     np.testing.assert_allclose(
         [sight.t_s for sight in paper.seen], [0.1, 0.2, 0.3, 0.4, 0.5, 0.1, 0.2]
     )
+    assert [sight.lit for sight in paper.seen] == [(True,)] * 3 + [(False,)] * 4
+    assert [sight.state.name for sight in paper.seen] == ["waiting"] * 7
     assert paper.seen[-1].note.startswith("no light")
     assert paper.seen[0].pose is None
     assert paper.seen[0].true_pose[0] == pytest.approx(-5.0)  # half a metre off the station
@@ -76,7 +79,13 @@ def test_a_recording_is_shown_with_the_truth_that_it_has(scene, table):
     truth = poses.copy()
     truth[1] = np.nan
     stamps = 10**18 + 10**8 * np.arange(6)
-    seen = list(sights_of(Recording(images, truth, np.zeros(6), stamps), Estimator(table)))
+    recording = Recording(images, truth, np.zeros(6), stamps)
+    told = [(1.15, "waiting"), (1.3, "locked"), (2.0, "coasting")]
+    recording.states[:] = [State(name, 10**9 - 1 + since, "so") for since, name in told]
+    seen = list(sights_of(recording, Estimator(table)))
+    states = [sight.state and sight.state.name for sight in seen]
+    assert states == [None, None, "waiting", "locked", "locked", "locked"]
+    assert seen[3].state.since_s == pytest.approx(0.3, abs=1e-6)
     np.testing.assert_allclose([sight.t_s for sight in seen], 0.1 * np.arange(6), atol=1e-6)
     assert [sight.true_pose is None for sight in seen] == [False, True, *[False] * 4]
     assert [sight.pose is None for sight in seen] == [*[False] * 4, True, False]

@@ -46,7 +46,8 @@ STDS = {
     "attitude_std_deg": Setting(float, ATTITUDE, 0.0, optional=False),
 }
 # The fit makes no use of commands.
-SETTINGS = {name: how for name, how in bag.READING.items() if name != "commands_topic"} | STDS
+NO_USE = "commands_topic", "states_topic"
+SETTINGS = {name: how for name, how in bag.READING.items() if name not in NO_USE} | STDS
 SHOWN_IMAGES = 5
 EDGE = 4.0  # standard deviations; residuals beyond are drawn there
 

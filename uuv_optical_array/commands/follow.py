@@ -16,7 +16,8 @@ scene formation.
   uuv_array follow --followers 3            a V; the third follower is lit by the first
 Ctrl-C ends the run early and reports what there is, with exit code 130. While it runs,
 `ros2 topic echo /relative_pose` shows the estimates. Exit code 1: a follower lost its leader, two
-vehicles came too near, or another run is on the network (ROS_DOMAIN_ID=7 runs one beside it).
+vehicles came too near, or another run is on the network (ROS_DOMAIN_ID=7 runs one beside it). A
+leader that is found again is not lost: how long the follower was in each state is printed.
 """
 
 import argparse
@@ -31,6 +32,7 @@ from rich.text import Text
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.control.fleet import MIN_SEPARATION_M, MOST, vee
 from uuv_optical_array.control.follow_record import FollowRecord, least_distance
+from uuv_optical_array.control.follow_states import COLOURS
 from uuv_optical_array.control.leader_path import PATHS, leader_path
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.settings import Quantity
@@ -68,8 +70,11 @@ def live_line(record: FollowRecord, elapsed_s: float) -> Text:
     error = errors[-1]
     range_m = np.linalg.norm(record.estimates[stamps[-1]][:3])
     error_m, angle_deg = np.linalg.norm(error[:3]), np.degrees(np.linalg.norm(error[3:]))
-    return Text(
-        f"{elapsed_s:5.1f} s   range {range_m:5.2f} m   error {error_m:4.2f} m   "
+    line = Text(f"{elapsed_s:5.1f} s   ")
+    for state in record.states[-1:]:
+        line.append(f"{state.name:12}", COLOURS[state.name])
+    return line.append(
+        f"range {range_m:5.2f} m   error {error_m:4.2f} m   "
         f"angle {angle_deg:4.1f} deg   {len(stamps)} poses"
     )
 
@@ -106,14 +111,14 @@ def run(args: argparse.Namespace) -> int:
             if terminal:
                 live.update(live_line(record, elapsed_s), refresh=True)
 
-        records, timeout_s, interrupted = follow(ros_args, args.duration, on_tick, fleet, bag)
+        records, interrupted = follow(ros_args, args.duration, on_tick, fleet, bag)
     if bag_folder:
         print(f"bag: {bag_folder}")
     lost = []
     for number, record in enumerate(records, 1):
         name = f"follower {number}: " if fleet else ""
         print(f"{name}{record.summary()}")
-        if reason := record.lost(timeout_s):
+        if reason := record.lost():
             lost.append(f"{name}{reason}")
     if fleet:
         paths = [records[0].leader_path, *(record.follower_path for record in records)]

@@ -6,6 +6,8 @@ from itertools import combinations
 
 import numpy as np
 
+from uuv_optical_array.control.follow_states import Spell, in_words, spells
+from uuv_optical_array.control.following import State
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Place
 
@@ -18,6 +20,7 @@ class FollowRecord:
     - leader_path, follower_path: positions in the world, m, shape ``(3,)`` each.
     - truth, estimates: relative poses of the follower, m and rad, shape ``(5,)`` each.
     - images: of the array, counts.
+    - states: of the follower, ascending; the first may have begun before the start.
     """
 
     station_m: Place
@@ -26,6 +29,7 @@ class FollowRecord:
     truth: dict[float, Array] = field(default_factory=dict)
     estimates: dict[float, Array] = field(default_factory=dict)
     images: dict[float, Array] = field(default_factory=dict)
+    states: list[State] = field(default_factory=list)
 
     def errors(self) -> tuple[Array, Array]:
         """Return the stamps, shape ``(m,)``, and estimate less truth there, shape ``(m, 5)``."""
@@ -46,23 +50,26 @@ class FollowRecord:
         stamps = sorted({min(self.truth), max(self.truth), *self.estimates})
         return float(np.max(np.diff(stamps), initial=0.0)) if self.estimates else np.inf
 
-    def lost(self, light_timeout_s: float) -> str:
-        """Return how the leader was lost, or an empty text.
+    def spells(self) -> list[Spell]:
+        """Return the times in each state, in order, from the start to the last odometry, s."""
+        return spells(self.states, 0.0, max(self.truth, default=0.0))
 
-        The formation control tolerates `light_timeout_s` without a pose.
-        """
+    def lost(self) -> str:
+        """Return how the leader was lost at the end, or an empty text; a gap that ended is none."""
         if not self.estimates:
             return "not one pose was estimated"
-        dark_s = self.longest_dark_s()
-        if dark_s > light_timeout_s:
-            return f"no pose for {dark_s:.1f} s, more than {light_timeout_s:g} s"
+        if not self.states:
+            return "the follower never told its state"
+        state = self.states[-1]
+        if state.name != "locked":
+            return f"{state.name} from {max(state.since_s, 0.0):.1f} s to the end: {state.reason}"
         distance = np.linalg.norm(self.station_errors()[1][-1, :3])
         if distance > np.linalg.norm(self.station_m) / 2:
             return f"the follower ended {distance:.1f} m off its station"
         return ""
 
     def summary(self) -> str:
-        """Return a table of RMS errors by degree of freedom, and the counts, as text."""
+        """Return a table of RMS errors by degree of freedom, counts, and times in each state."""
         rows = [f"{'':14}" + "".join(f"{name:>10}" for name in DOF_NAMES)]
         for title, (_, errors) in (("estimate", self.errors()), ("station", self.station_errors())):
             if len(errors):
@@ -73,6 +80,8 @@ class FollowRecord:
             f"{len(self.errors()[0])} poses from {len(self.truth)} images; "
             f"longest time without one {self.longest_dark_s():.2f} s"
         )
+        if times := self.spells():
+            rows.append(in_words(times))
         return "\n".join(rows)
 
 

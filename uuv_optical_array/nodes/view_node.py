@@ -7,10 +7,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 
+from uuv_optical_array.control.follow_states import state_from_status
+from uuv_optical_array.control.following import State
 from uuv_optical_array.control.trajectory import TooEarly, Trajectory
 from uuv_optical_array.core.geometry import Array, covariance_5x5, relative_pose
 from uuv_optical_array.core.messages import image_from_message, odometry_pose, stamp_ns
@@ -18,7 +21,7 @@ from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared import messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
-from uuv_optical_array.nodes.shared.node import run, subscribe
+from uuv_optical_array.nodes.shared.node import LASTING, run, subscribe
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, shared
 from uuv_optical_array.view import LOOPBACK, PORT
 from uuv_optical_array.view.page import Page
@@ -48,6 +51,7 @@ class ViewNode(Node):
         # Stamp and image: they wait for the track, and for the next image and so the odometry.
         self.waiting: deque[tuple[int, Array]] = deque()
         self.tracks: dict[int, Odometry] = {}
+        self.state: State | None = None  # told last, since a time of the stamps
         self.first_ns = self.shown_ns = 0
         self.trajectories = {
             name: Trajectory(self.parameters["max_gap_s"]) for name in ("leader", "follower")
@@ -58,6 +62,7 @@ class ViewNode(Node):
         self.get_logger().info(f"open {self.page.url} in a browser")
         subscribe(self, Image, "array/image", self.on_image)
         subscribe(self, Odometry, "relative_odometry", self.on_track)
+        subscribe(self, DiagnosticStatus, "follow_state", self.on_state, qos=LASTING)
         subscribe(self, Odometry, "leader/odometry", partial(self.on_vehicle, "leader"))
         subscribe(self, Odometry, "follower/odometry", partial(self.on_vehicle, "follower"))
 
@@ -66,6 +71,11 @@ class ViewNode(Node):
         with self.diagnostics.refusing(f"{name}/odometry"):
             pose = odometry_pose(message, self.parameters["odometry_axes"])
             self.trajectories[name].add(stamp_ns(message.header), *pose)
+
+    def on_state(self, message: DiagnosticStatus) -> None:
+        """Keep what the follower does, for the images from now on."""
+        with self.diagnostics.refusing("follow_state"):
+            self.state = state_from_status(message)
 
     def on_track(self, message: Odometry) -> None:
         """Keep a track, and show the images that waited for it."""
@@ -99,6 +109,9 @@ class ViewNode(Node):
         self.first_ns, self.shown_ns = self.first_ns or stamp, stamp
         note = "no pose of this image: see the diagnostics of estimator_node"
         sight = Sight((stamp - self.first_ns) * 1e-9, image, note=note)
+        if self.state is not None:
+            since_s = self.state.since_s - self.first_ns * 1e-9
+            sight = replace(sight, state=self.state._replace(since_s=since_s))
         if track := self.tracks.get(stamp):
             with self.diagnostics.refusing("relative_odometry"):
                 pose = messages.pose_from_message(track)

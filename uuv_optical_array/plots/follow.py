@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.control.follow_record import FollowRecord, position_at
+from uuv_optical_array.control.follow_states import COLOURS
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES
 from uuv_optical_array.forward.working_volume import SPECIFICATION
 from uuv_optical_array.plots.style import SPECIFIED, array_image, new_figure, signed
@@ -13,6 +14,7 @@ from uuv_optical_array.plots.style import SPECIFIED, array_image, new_figure, si
 LEADER = "#e08a00"
 FOLLOWERS = ("#1f6fb4", "#2f9e61", "#b03a8c", "#7a5230", "#5b6bd6")
 MOMENTS = 6
+BAND = 0.04  # height of a follower's band of states, as a share of its panel
 
 
 def _draw_paths(figure: Any, records: Sequence[FollowRecord], moments: list[float]) -> None:
@@ -62,9 +64,21 @@ def _draw_errors(figure: Any, records: Sequence[FollowRecord]) -> None:
         axes.set_title(f"{name}, specified ±{wanted:g} {unit}", fontsize=10)
         axes.set(xlabel="time (s)", ylabel=f"error of {name} ({unit})", ylim=(-limit, limit))
         axes.grid(alpha=0.3)
+        _draw_states(axes, records)
         handles, labels = axes.get_legend_handles_labels()
-    place: Any = {"loc": "outside lower center", "ncols": 3, "frameon": False}
-    figure.legend(handles[:3], labels[:3], fontsize=9, markerscale=3, **place)
+    named: dict[str, Any] = {}
+    for label, handle in zip(labels, handles, strict=True):
+        named.setdefault(label, handle)  # of the first follower
+    place: Any = {"loc": "outside lower center", "ncols": len(named), "frameon": False}
+    figure.legend(named.values(), named.keys(), fontsize=9, markerscale=3, **place)
+
+
+def _draw_states(axes: Any, records: Sequence[FollowRecord]) -> None:
+    """Draw what each follower did as a band at the bottom of a panel, the first one lowest."""
+    for number, record in enumerate(records):
+        for name, begin_s, end_s in record.spells():
+            place = {"ymin": BAND * number, "ymax": BAND * (number + 1)}
+            axes.axvspan(begin_s, end_s, **place, color=COLOURS[name], lw=0, label=name)
 
 
 def _draw_images(figure: Any, record: FollowRecord, moments: list[float]) -> None:

@@ -14,6 +14,7 @@ from uuv_optical_array.recording.truncated import MCAP
 SQLITE = ".db3"
 IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/TwistStamped"
+STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 RUN = {  # topics of a run that are recorded
     "array/image": IMAGE,
     "array/features": "sensor_msgs/msg/PointCloud2",
@@ -22,6 +23,7 @@ RUN = {  # topics of a run that are recorded
     "leader/odometry": ODOMETRY,
     "follower/odometry": ODOMETRY,
     "cmd_vel": TWIST,
+    "follow_state": STATUS,
 }
 
 

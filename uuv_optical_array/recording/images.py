@@ -1,22 +1,24 @@
-"""Images of a recorded bag with their true poses from its odometries, and the commands."""
+"""Images of a recorded bag with their true poses by its odometries, commands and states."""
 
 from bisect import insort
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uuv_optical_array.control.follow_states import state_from_status
+from uuv_optical_array.control.following import State
 from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S, TooEarly, Trajectory
 from uuv_optical_array.core import messages
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.messages import Axes, Readout, Refused
 from uuv_optical_array.core.settings import Place, Quantity
-from uuv_optical_array.recording.bag import IMAGE, ODOMETRY, TWIST, opened
+from uuv_optical_array.recording.bag import IMAGE, ODOMETRY, STATUS, TWIST, opened
 
 CLOCK_RESET_NS = 1_000_000_000  # no message is so late: the clock was set back
 
@@ -32,6 +34,7 @@ class Recording:
     refused: Counter[str] = field(default_factory=Counter)  # messages, by topic and reason
     # To the follower, ascending: stamp, ns, linear and angular body velocity, m/s and rad/s, (3,).
     commands: list[tuple[int, Array, Array]] = field(default_factory=list)
+    states: list[State] = field(default_factory=list)  # of the follower, each once, ascending
 
     @property
     def seconds(self) -> Array:
@@ -101,6 +104,7 @@ def read_recording(
     leader_topic: Annotated[str, Quantity("of the leader's odometry")] = "leader/odometry",
     follower_topic: Annotated[str, Quantity("of the follower's odometry")] = "follower/odometry",
     commands_topic: Annotated[str, Quantity("of the follower's commands, for a track")] = "cmd_vel",
+    states_topic: Annotated[str, Quantity("of what the follower did, to show")] = "follow_state",
     beacon_position_m: Annotated[Place, messages.BEACON_POSITION] = (0.0, 0.0, 0.0),
     odometry_axes: Annotated[Axes, Quantity("of base_link in both odometries")] = "flu",
     max_gap_s: Annotated[float, MAX_GAP] = MAX_GAP_S,
@@ -139,9 +143,15 @@ def read_recording(
         connections += [
             c for c in reader.connections if (c.topic, c.msgtype) == (commands.topic, TWIST)
         ]
+        told = "/" + states_topic.strip("/"), STATUS
+        connections += [c for c in reader.connections if (c.topic, c.msgtype) == told]
+        states: set[State] = set()  # each is told again and again
         for connection, _, data in progress(reader.messages(connections)):
             message = reader.deserialize(data, connection.msgtype)
             try:
+                if connection.msgtype == STATUS:
+                    states.add(state_from_status(message))
+                    continue
                 if connection.msgtype == IMAGE:
                     value: Any = messages.image_from_message(message, array, lamps)
                 elif connection.msgtype == TWIST:
@@ -158,6 +168,7 @@ def read_recording(
         beacon = np.array(beacon_position_m)
         recording = _with_poses(image, leader, follower, beacon, max_gap_s, refused, poses_needed)
     recording.commands.extend((stamp, *twist) for stamp, twist in commands.samples)
+    recording.states.extend(sorted(states, key=attrgetter("since_s")))
     return recording
 
 

@@ -80,9 +80,16 @@ class ViewedLoop:
         """Advance by `dt`, s, > 0; return what there is to see, the lamp at the leader's origin."""
         (seen,) = self.loop.step(dt)
         waits = "the leader waits for its follower to see it" if self.loop.path_s is None else ""
-        words = {"note": note_on(seen.answer) or waits, "station_m": self.conditions.station_m}
         return sight_of(
-            seen.answer, seen.t_s, seen.image, seen.true_pose, leader=seen.lamp, **words
+            seen.answer,
+            seen.t_s,
+            seen.image,
+            seen.true_pose,
+            leader=seen.lamp,
+            note=note_on(seen.answer) or waits,
+            station_m=self.conditions.station_m,
+            state=seen.state,
+            lit=tuple(power > 0 for power in self.conditions.lamp_power),
         )
 
 

@@ -21,6 +21,8 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.control.follow_states import COLOURS
+from uuv_optical_array.control.following import State
 from uuv_optical_array.core import geometry
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, PITCH, YAW, Array
@@ -81,6 +83,7 @@ class Page:
         self.url = f"http://{host}:{self._server.get_port()}/{token}"
         self._window, self._drawn = Window(), 0
         self._paths: dict[str, list[Array]] = {"leader": [], "follower": []}
+        self._again = ""  # the button that begins anew
         self._range_m = -scene.table.x_m[0]
         self._floor_at: tuple[float, float] | None = None
         self._draw_sea()
@@ -124,12 +127,14 @@ class Page:
                 sea.add_mesh_simple(f"/{name}/{part}", *mesh, position=at, **look)
             sea.add_label(f"/{name}/label", name, position=(0.0, 0.0, 1.6 * half_m))
         light = {"color": LAMP, "side": "front", "material": "toon3"}  # a far wall hides nothing
+        self._lights: list[list[Any]] = []  # ball and cones of each lamp
         for i, (place, meshes) in enumerate(beams(self._scene, self._range_m)):
             ball = {"subdivisions": 2, "position": tuple(place)}
-            sea.add_icosphere(f"/leader/lamp_{i}", 0.09, LAMP, **ball)
+            shapes = [sea.add_icosphere(f"/leader/lamp_{i}", 0.09, LAMP, **ball)]
             for stds, (mesh, opacity) in enumerate(zip(meshes, (0.2, 0.1), strict=True), 1):
                 name = f"/leader/beam_{i}_{stds}_sigma"
-                sea.add_mesh_simple(name, *mesh, opacity=opacity, **light)
+                shapes.append(sea.add_mesh_simple(name, *mesh, opacity=opacity, **light))
+            self._lights.append(shapes)
         dark = np.zeros((len(array.positions), 3), np.uint8)
         dots = {"point_shape": "circle", "point_shading": "flat", "precision": "float32"}
         size = {"point_size": 0.5 * array.spacing_m, **dots}
@@ -158,6 +163,7 @@ class Page:
         by_lamp = " by each lamp" if self._scene.lamps else ""
         label = f"image of the array{by_lamp}, port on the left, up on top"
         with self._tab:
+            self._state = gui.add_html(headline(None, 0.0))
             self._words = gui.add_html("")
             self._image = gui.add_image(np.zeros((8, 8, 3), np.uint8), label=label, format="png")
         self._what = gui.add_html(ESTIMATES)
@@ -207,7 +213,8 @@ class Page:
                 handles[-1].on_update(changed)
 
     def add_button(self, label: str, on_click: Callable[[], None]) -> None:
-        """Add a button; `on_click` is called from any thread."""
+        """Add a button that begins anew; `on_click` is called from any thread."""
+        self._again = label
         with self._tab:
             self._server.gui.add_button(label).on_click(lambda _: on_click())
 
@@ -241,6 +248,7 @@ class Page:
             self._paths = {name: [] for name in self._paths}
         with self._server.atomic():
             self._show_vehicles(sight)
+            self._state.content = headline(sight.state, sight.t_s, self._again)
             self._words.content = words(sight, *self._window.poses())
             if sight.image is not None:
                 self._show_image(sight.image)
@@ -283,6 +291,9 @@ class Page:
         x, y = SECTION_M * np.rint(place[:2] / SECTION_M)  # so that the floor has no end
         if (x, y) != self._floor_at:
             self._floor_at, self._floor.position = (x, y), (x, y, -FLOOR_M)
+        for lit, shapes in zip(sight.lit or (), self._lights, strict=False):
+            for shape in shapes:
+                shape.visible = lit
         self._show_pose("follower", sight.true_pose, turn)
         self._show_pose("estimate", sight.pose, turn)
         if sight.station_m is not None:
@@ -314,6 +325,25 @@ class Page:
         segments = np.stack([points[:-1], points[1:]], axis=1)
         scene, name = self._server.scene, f"/sea/{name}_path"
         scene.add_line_segments(name, segments, _rgb(colour), thickness=0.03)
+
+
+def headline(state: State | None, t_s: float, again: str = "") -> str:
+    """Return what the follower does at a time, s, big and in its colour, as HTML.
+
+    - again: what an operator does about a leader that is lost; empty: nothing here.
+    """
+    text, why, colour = "&nbsp;", "&nbsp;", "#ffffff"
+    if state is not None:
+        lasted_s = t_s - state.since_s
+        text = state.name if math.isnan(lasted_s) else f"{state.name} for {max(lasted_s, 0):.0f} s"
+        text = f"lost: {again}" if state.name == "lost" and again else text
+        why, colour = escape(state.reason), COLOURS[state.name]
+    # Two lines for why, so that what is below keeps its place.
+    small = "font-size:12px;line-height:1.3;height:2.6em;overflow:hidden"
+    return (
+        f"<div style='padding:6px 10px 0'><b style='font-size:22px;color:{colour}'>{text}</b>"
+        f"<div style='{small}'>{why}</div></div>"
+    )
 
 
 def words(sight: Sight, poses: int, images: int) -> str:

@@ -18,12 +18,21 @@ LONGEST_WAIT_S = 1.0  # from one image to the next, however long the gap of the 
 
 
 def sights_of(recording: Recording, estimator: Estimator) -> Iterator[Sight]:
-    """Yield what the page shows of each image, tracked; the recording's poses are the truth."""
+    """Yield what the page shows of each image, tracked; the recording's poses are the truth.
+
+    The state is the one that was told in the run, whatever the images give now.
+    """
     images, stamps_ns, commands = recording.images, recording.stamps_ns, recording.commands
     answers = replay(images, stamps_ns, estimator, TrackerSettings(), commands=commands)
+    begin_s = float(stamps_ns[0]) * 1e-9
+    states = [state._replace(since_s=state.since_s - begin_s) for state in recording.states]
+    begins = [state.since_s for state in states]
     for answer, image, true in zip(answers, images, recording.poses, strict=True):
         seconds = float(answer.stamp_ns - stamps_ns[0]) * 1e-9
-        yield sight_of(answer, seconds, image, None if np.isnan(true).any() else true)
+        told = bisect_right(begins, seconds)
+        state = states[told - 1] if told else None
+        known = None if np.isnan(true).any() else true
+        yield sight_of(answer, seconds, image, known, state=state)
 
 
 class Player:

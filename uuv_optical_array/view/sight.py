@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from uuv_optical_array.control.following import State
 from uuv_optical_array.core.geometry import IN_DEGREES, Array, wrapped
 from uuv_optical_array.core.settings import Place
 from uuv_optical_array.estimation.pipeline import Answer
@@ -25,6 +26,8 @@ class Sight:
     note: str = ""  # why there is no pose, or what is wrong
     leader: tuple[Array, Array] | None = None  # the lamp's position and rotation in the world
     station_m: Place | None = None  # the follower's commanded position in ``beacon``
+    state: State | None = None  # what the follower does, since a time as `t_s`
+    lit: tuple[bool, ...] | None = None  # whether each lamp has power
 
     def stds(self) -> Array:
         """Return the standard deviations of the estimate, m and deg, nan without one, ``(5,)``."""

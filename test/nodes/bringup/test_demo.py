@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from command_line import PROGRAM, begun, ended
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from odometries import odometry, time_of
@@ -10,6 +11,8 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.control.fleet import vee
 from uuv_optical_array.control.follow_record import FollowRecord
+from uuv_optical_array.control.follow_states import values_of
+from uuv_optical_array.control.following import State
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.bringup.demo import RecorderNode, options_of
 from uuv_optical_array.nodes.shared.messages import image_to_message
@@ -62,6 +65,31 @@ def test_the_run_of_a_leader_that_stands_begins_once(lab):
             recorder.start(tenths * 10**8)
         recorder.on_leader(odometry(tenths * 10**8, [1.0, 0.0, 0.0]))
     assert list(record.leader_path) == pytest.approx([0.0, 0.1, 0.2, 0.3])
+
+
+def test_states_are_of_the_run_from_the_one_in_which_the_leader_sets_off(lab):
+    lab.begin()
+    record = FollowRecord((-6.0, 0.0, 0.0))
+    recorder = RecorderNode(record, load_scene("follow"), "leader/odometry")
+    lab.nodes.append(recorder)
+
+    def tell(name, since_s):
+        values = values_of(State(name, since_s, f"it is {name}"), since_s + 1.0)
+        pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+        recorder.on_state(DiagnosticStatus(message=name, values=pairs))
+
+    tell("waiting", 20.0)
+    tell("locked", 21.0)
+    leader = odometry(23 * 10**9, [0.0, 0.0, 0.0])
+    leader.twist.twist.linear.x = 0.5
+    recorder.on_leader(leader)
+    tell("locked", 21.0)
+    tell("coasting", 25.0)
+    tell("coasting", 25.0)
+    assert record.states == [
+        State("locked", -2.0, "it is locked"),
+        State("coasting", 2.0, "it is coasting"),
+    ]
 
 
 def test_a_run_beside_another_is_refused_and_says_how_to_separate_them(lab, tmp_path):

@@ -13,7 +13,8 @@ from uuv_optical_array.nodes.shared.reasons import kind_of
 
 PACKAGE = Path(estimator_node.__file__).parents[1]
 # Where the texts of diagnostics are made; calls and exceptions whose first argument is one.
-SOURCES = ["nodes", "core/messages.py", "estimation", "control/formation.py"]
+SOURCES = ["nodes", "core/messages.py", "estimation"]
+SOURCES += ["control/formation.py", "control/following.py", "control/follow_states.py"]
 MADE_BY = {"Refused", "NoPose", "Outlier", "StampRefused", "refuse", "warn", "fail"}
 # A track that is asked where it is now; and the value of `fit`.
 NEVER_SHOWN = {"no track", "as it stands"}

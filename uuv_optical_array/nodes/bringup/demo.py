@@ -7,18 +7,21 @@ from importlib import import_module
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.follow_record import FollowRecord
+from uuv_optical_array.control.follow_states import state_from_status
+from uuv_optical_array.control.following import State
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.messages import image_from_message, odometry_pose, stamp_ns
 from uuv_optical_array.forward.scene import Scene
@@ -40,6 +43,7 @@ from uuv_optical_array.recording.bag import RUN, BagWriter
 START_S = 15.0  # how long the leader may wait for a follower that neither compiles nor searches
 DISCOVERY_S = 2.0  # in which the nodes of another run are found
 DEPTH = 100  # reliable and deep: what is recorded should lack nothing
+TOLD = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # of states
 
 
 class RecorderNode(Node):
@@ -56,6 +60,8 @@ class RecorderNode(Node):
             (PoseWithCovarianceStamped, "relative_pose", self.on_pose),
         ):
             self.create_subscription(message_type, topic, callback, qos_profile_sensor_data)
+        self.state: State | None = None  # told last, since a time of the clock
+        self.create_subscription(DiagnosticStatus, "follow_state", self.on_state, TOLD)
 
     def add(self, series: dict[float, Array], header: Header, value: Array) -> None:
         """Add a value to a series of the record, at its time since the leader set off, s."""
@@ -67,12 +73,26 @@ class RecorderNode(Node):
         """Begin at a time, unless it has begun."""
         if self.started_ns is None:
             self.started_ns = stamp_ns
+            self.add_state()  # the one in which it begins
 
     def on_leader(self, message: Odometry) -> None:
         """Record the leader's position."""
         if message.twist.twist != Twist():
             self.start(stamp_ns(message.header))
         self.add(self.record.leader_path, message.header, odometry_pose(message)[0])
+
+    def on_state(self, message: DiagnosticStatus) -> None:
+        """Record what the follower does."""
+        self.state = state_from_status(message)
+        self.add_state()
+
+    def add_state(self) -> None:
+        """Add the state to the record where it is not there yet, at its time of the run."""
+        if self.state is None or self.started_ns is None:
+            return
+        state = self.state._replace(since_s=self.state.since_s - self.started_ns * 1e-9)
+        if self.record.states[-1:] != [state]:
+            self.record.states.append(state)
 
     def on_follower(self, message: Odometry) -> None:
         """Record the follower's position."""
@@ -159,7 +179,7 @@ def follow(
     on_tick: Callable[[FollowRecord, float], None],
     fleet: Sequence[Follower] = (),
     bag: BagWriter | None = None,
-) -> tuple[list[FollowRecord], float, bool]:
+) -> tuple[list[FollowRecord], bool]:
     """Run the demonstration in real time.
 
     - ros_args: ROS arguments for every node, such as a parameter file.
@@ -167,8 +187,7 @@ def follow(
     - on_tick: called at 5 Hz with the first follower's record so far and the elapsed time, s.
     - fleet: the followers, each in its namespace; empty: one in none, at the parameters' station.
     - bag: an open one, which gets what the nodes publish.
-    - returned: a record for each follower, the formation control's ``light_timeout_s``, and whether
-      a signal ended the run.
+    - returned: a record for each follower, and whether a signal ended the run.
     - ValueError: where a node refuses a parameter or a scene, or another run has the same topics.
     """
     start(["--ros-args", *ros_args])
@@ -185,7 +204,6 @@ def follow(
                 nodes.append(BagRecorderNode(bag, **follower_options))
             for node in nodes:
                 executor.add_node(node)
-        light_timeout_s = nodes[0].get_parameter("light_timeout_s").value
         if fleet:
             alone = Parameter("vehicles", value="leader"), Parameter("followers", value=len(fleet))
             options.append({"parameter_overrides": list(alone)})
@@ -220,7 +238,7 @@ def follow(
 
         first.create_timer(0.2, tick)
         interrupted = spin(executor, wanted)
-        return records, light_timeout_s, interrupted
+        return records, interrupted
     except ParameterException as error:
         raise ValueError(str(error)) from None
     finally:

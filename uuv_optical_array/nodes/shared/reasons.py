@@ -62,6 +62,7 @@ REFUSALS = {
     "readings": "Report it with a bag.",
     "no leader": "Check `leader/odometry`.",
     "no leader pose at the follower's stamp": "Raise `max_gap_s`; use one clock for both.",
+    "no state": "Let `follow_state` name the topic of a formation node of this version.",
     "frames differ": "Publish both in one frame.",
     "paused": "Look who sets the simulated clock, or for load. It goes on by itself.",
 }

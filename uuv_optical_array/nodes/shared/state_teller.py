@@ -32,8 +32,8 @@ class StateTeller:
         if state is self._noted:
             return False
         self._noted = state
-        since_s = state.since_s if math.isfinite(state.since_s) else now_s
-        self.state = state._replace(since_s=since_s)
+        # Not since the stamp of an image that came late: states follow one another.
+        self.state = state._replace(since_s=now_s)
         self.warning = _warning(state)
         if not self.warning:
             self._node.get_logger().info(f"{state.name}: {state.reason}")

@@ -1,11 +1,13 @@
 """The example configurations name topics, frames and parameters that the nodes have."""
 
 import importlib
+import math
 import re
 
 import pytest
 import yaml
 
+from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.nodes.bringup.security import PROCESSES
 from uuv_optical_array.nodes.estimator_node import PARAMETERS, EstimatorNode
@@ -15,6 +17,7 @@ FILTERS = [path for path in EXAMPLES if path.name.startswith("robot_localization
 LAUNCHES = [path for path in EXAMPLES if path.name.endswith(".launch.yaml")]
 (AGGREGATOR,) = (path for path in EXAMPLES if path.name == "diagnostic_aggregator.yaml")
 (DOCKING,) = (path for path in EXAMPLES if path.name == "nav2_docking.yaml")
+(FOLLOWING,) = (path for path in EXAMPLES if path.name == "nav2_following.yaml")
 KINDS = {"odom": "nav_msgs/msg/Odometry", "pose": "geometry_msgs/msg/PoseWithCovarianceStamped"}
 NAMED = pytest.mark.parametrize("path", [*FILTERS, *LAUNCHES], ids=lambda path: path.name)
 
@@ -57,7 +60,7 @@ def topics(lab, scene_file):
 
 def test_each_kind_of_example_is_there():
     assert len(FILTERS) == len(LAUNCHES) == 2
-    assert {*FILTERS, *LAUNCHES, AGGREGATOR, DOCKING} == set(EXAMPLES)
+    assert {*FILTERS, *LAUNCHES, AGGREGATOR, DOCKING, FOLLOWING} == set(EXAMPLES)
 
 
 def test_the_aggregator_expects_the_nodes_of_a_follower_and_knows_those_of_the_demonstration():
@@ -75,6 +78,14 @@ def test_a_dock_is_detected_by_a_pose_of_the_estimator_in_the_frame_of_the_docki
     assert server["base_frame"] == PARAMETERS["base_frame"].default
     lamp = server["lamp"]
     assert lamp["staging_x_offset"] < lamp["external_detection_translation_x"] < 0
+
+
+def test_an_object_to_follow_is_a_pose_of_the_estimator_as_far_away_as_the_station(topics):
+    (named,) = re.findall(r"pose_topic: (\w+)", FOLLOWING.read_text(encoding="utf-8"))
+    assert topics[named] == "geometry_msgs/msg/PoseStamped"
+    server = read(FOLLOWING)["following_server"]["ros__parameters"]
+    assert server["base_frame"] == PARAMETERS["base_frame"].default
+    assert server["desired_distance"] == math.hypot(*FormationSettings().station_m)
 
 
 @NAMED

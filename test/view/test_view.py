@@ -101,7 +101,8 @@ def test_the_numbers_are_in_metres_and_degrees():
     ]
     note = note_on(Answer(0, None, None, "no fit: p < 1e-6"))
     dark = words(sight(0.0, pose=None, covariance=None, note=note), 2, 3)
-    assert len(dark.split("<tr>")) == 3
+    assert len(dark.split("<tr>")) == 5  # nothing below moves
+    assert re.findall(r"<td[^>]*>([^<]*)", dark.split("<tr>")[3]) == ["estimate", *5 * ["&ndash;"]]
     assert "2 of the last 3 images have a pose" in dark
     assert "refused: no fit: p &lt; 1e-6" in dark
     assert note_on(Answer(0, None, None, "no light: 2 counts")) == "no light: 2 counts"

@@ -348,14 +348,17 @@ def headline(state: State | None, t_s: float, again: str = "") -> str:
 
 def words(sight: Sight, poses: int, images: int) -> str:
     """Return the numbers of an instant, as HTML, and of how many last images have a pose."""
-    lines = [("true", sight.true_pose, "+"), ("estimate", sight.pose, "+")]
-    if sight.pose is not None:
-        lines.append(("sigma", sight.stds() / IN_DEGREES, ""))
+    unknown = np.full(5, np.nan)
+    pose = unknown if sight.pose is None else sight.pose * IN_DEGREES
+    lines = [("estimate", pose, "+"), ("sigma", sight.stds(), "")]
+    if sight.true_pose is not None:
+        lines.insert(0, ("true", sight.true_pose * IN_DEGREES, "+"))
     rows = [["", *(f"{name}<br>{unit}" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True))]]
     for name, values, sign in lines:
-        if values is not None:
-            numbers = zip(values * IN_DEGREES, FORMS, strict=True)
-            rows.append([name, *(f"{number:{sign}{form}}" for number, form in numbers)])
+        numbers = zip(values, FORMS, strict=True)
+        # Without an estimate its lines stay, so that what is below keeps its place.
+        cells = ["&ndash;" if np.isnan(n) else f"{n:{sign}{form}}" for n, form in numbers]
+        rows.append([name, *cells])
     cell = "<td style='text-align:right;padding:1px 3px'>"
     table = "".join(f"<tr>{''.join(f'{cell}{x}</td>' for x in row)}</tr>" for row in rows)
     peak = "" if sight.image is None else f"brightest detector {sight.image.max():g} counts"
@@ -363,7 +366,8 @@ def words(sight: Sight, poses: int, images: int) -> str:
         "<div style='font-size:12px;padding:6px 10px'>"
         f"<b>{sight.t_s:.1f} s</b> &nbsp; {peak}<br><table>{table}</table>"
         f"{poses} of the last {images} images have a pose<br>"
-        f"<b style='color:#ffb070'>{escape(sight.note) or '&nbsp;'}</b></div>"
+        f"<div style='min-height:2.8em;font-weight:bold;color:#ffb070'>{escape(sight.note)}</div>"
+        "</div>"
     )
 
 

@@ -28,7 +28,10 @@ CAUSES = {
     "wrong frame": "The track is not in `beacon_frame`.",
     "no image": "Key parameters came without an image of their stamp.",
     "no table": "It could not be read.",
-    "no roll": "No `imu` message is near the image in time.",
+    "no roll": (
+        "No `imu` message is near the image in time. The last roll is taken to hold, ever less "
+        "certain; before the first there is no pose."
+    ),
     "no orientation": "The IMU gives none.",
     "not finite": "NaN or infinity, in a message or, if `not published`, by this node.",
     "out of bounds": "A number is too large; are its units m, m/s and rad/s?",

@@ -244,19 +244,21 @@ def test_the_roll_of_the_imu_enters_the_pose(lab, scene_file, scene, table, comp
     assert (np.abs(np.array(position) - pose[:3]) < 5 * std).all()
 
 
-@pytest.mark.parametrize("tilted_at", [3, 7])
-def test_a_roll_long_before_or_after_the_image_gives_no_pose(
-    lab, scene_file, scene, images, tilted_at
+@pytest.mark.parametrize(("tilted_at", "away_s"), [(3, 2), (15, 10)])
+def test_a_roll_far_from_the_image_is_taken_to_hold_and_less_certain(
+    lab, scene_file, scene, images, tilted_at, away_s
 ):
     rolling = Shower(lab, scene_file, scene, use_imu=True)
     rolling.send(images[0], 4)
     rolling.lab.report(rolling.node, WARN, "no roll: no imu message has come")
-    rolling.tilt(0.0, tilted_at)
-    rolling.send(images[0], 5)
-    rolling.lab.report(rolling.node, WARN, "no roll", "is 2 s from the image", "max_imu_age_s")
-    rolling.tilt(0.0, 6)
-    rolling.show(images[1], 6)
-    assert rolling.seconds_answered() == [6]
+    rolling.tilt(0.1, tilted_at)
+    pose = rolling.show(images[0], 5)
+    q = pose.pose.pose.orientation
+    assert Rotation.from_quat([q.x, q.y, q.z, q.w]).as_euler("ZYX")[2] == pytest.approx(0.1)
+    # The variance of the turn about the axis along which the lamp shines.
+    variance = np.reshape(pose.pose.covariance, (6, 6))[3, 3]
+    assert variance == pytest.approx(0.02**2 + min(0.05 * away_s, 0.2) ** 2, rel=0.1)
+    rolling.lab.report(rolling.node, WARN, "no roll", f"is {away_s} s from the image")
 
 
 @pytest.fixture

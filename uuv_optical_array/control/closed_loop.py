@@ -52,8 +52,8 @@ class Swimmer:
     ahead
         Whose lamp it follows: 0 is the leader's, k that of the k-th follower.
     imu
-        Roll that its estimator is given of its true one, rad, and the time, s; ``None``: there is
-        none, and so no pose.
+        Roll that its estimator is given of its true one, rad, and the time, s; ``None``: the IMU is
+        silent, and its last roll counts.
     sounder
         Range from the lamp and its standard deviation, m, that its estimator is given of the true
         one, m, and the time, s; ``None``: there is none then.
@@ -73,6 +73,7 @@ class Swimmer:
         self.light, self.ahead, self.imu = light, ahead, imu
         self.sounder = sounder
         self.command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
+        self.roll = 0.0  # told last
 
 
 class Instant(NamedTuple):
@@ -156,10 +157,9 @@ class ClosedLoop:
             with suppress(NoPose, ValueError):  # without light, or no range at all
                 swimmer.pipeline.range(stamp_ns, *sounded)
         told = swimmer.imu(vehicle.roll, self.t_s)
-        if told is None:
-            answer = Answer(stamp_ns, None, None, "no roll: the IMU is silent")
-        else:
-            answer = swimmer.pipeline.answer(stamp_ns, image, told)
+        if told is not None:
+            swimmer.roll = told
+        answer = swimmer.pipeline.answer(stamp_ns, image, swimmer.roll)
         swimmer.following.looked(self.t_s, brightest(image, swimmer.pipeline.least_counts))
         track = answer.track
         if track is not None:

@@ -85,6 +85,8 @@ PARAMETERS = {
 # What needs a new estimator, and what a new track.
 OF_ESTIMATOR = {"table", *parameters_of(EstimatorSettings)}
 OF_TRACKER = {"tracking", *parameters_of(TrackerSettings)}
+# A vehicle that rights itself keeps its roll so well while its IMU is silent, and at least.
+ROLL_DRIFT_RAD_PER_S, MOST_ROLL_RAD = 0.05, 0.2
 FIT: Method = "least_squares"
 WAITING = 20  # stamps of which only the image or only the key parameters have come
 
@@ -115,7 +117,7 @@ class EstimatorNode(Node):
         self.diagnostics = Diagnostics(self)
         self.waiting: dict[int, dict[str, Any]] = {}
         self.state_of_fit = ""
-        self.roll_ns, self.roll_rad = 0, 0.0
+        self.roll_ns, self.roll_rad, self.roll_lost = 0, 0.0, ""
         self.source: Scene | SignatureTable = self.scene  # of the next estimator
         self.pipeline: Pipeline | None = None  # none while its table cannot be read
         self.poses = publish(self, PoseWithCovarianceStamped, "relative_pose")
@@ -245,19 +247,26 @@ class EstimatorNode(Node):
             if self.pipeline is not None:
                 self.pipeline.range(stamp_ns(message.header), *measured)
 
-    def roll_at(self, header: Header) -> float:
-        """Return the follower's roll when an image was taken, rad."""
+    def roll_at(self, header: Header) -> tuple[float, float]:
+        """Return the follower's roll when an image was taken, and its standard deviation, rad.
+
+        While the IMU is silent its last roll is taken, ever less certain.
+        """
+        std = self.parameters["roll_std_rad"]
+        self.roll_lost = ""
         if not self.parameters["use_imu"]:
-            return 0.0
+            return 0.0, std
         if not self.roll_ns:
             raise Refused("no roll: no imu message has come")
         age_s = abs(stamp_ns(header) - self.roll_ns) * 1e-9
         if age_s > self.parameters["max_imu_age_s"]:
-            raise Refused(
+            std = math.hypot(std, min(ROLL_DRIFT_RAD_PER_S * age_s, MOST_ROLL_RAD))
+            self.roll_lost = (
                 f"no roll: the last imu message is {age_s:.3g} s from the image, more than "
-                f"max_imu_age_s of {self.parameters['max_imu_age_s']:g} s"
+                f"max_imu_age_s of {self.parameters['max_imu_age_s']:g} s; its roll is taken to "
+                f"hold, within {std:.2g} rad"
             )
-        return self.roll_rad
+        return self.roll_rad, std
 
     def on_frame(self, header: Header, parameters: Array | None, image: Array | None) -> None:
         """Publish an image's pose, or say why not; without light the `parameters` are ``None``."""
@@ -269,16 +278,17 @@ class EstimatorNode(Node):
                 raise Refused("no light: the feature node found none to match")
             if not self.parameters["use_image"]:
                 image = None
-            roll = self.roll_at(header)
+            roll, roll_std = self.roll_at(header)
             estimate = self.pipeline.estimate(stamp_ns(header), image, parameters, roll)
             self.order.check(header)
             roll += estimate.roll
-            std = self.parameters["roll_std_rad"] if estimate.turn is None else estimate.turn
+            std = roll_std if estimate.turn is None else estimate.turn
             covariance = covariance_6x6(estimate.pose, estimate.covariance, std)
             header = Header(stamp=header.stamp, frame_id=self.beacon_frame)
             pose = messages.pose_to_message(estimate.pose, covariance, header, roll)
             if self.poses.publish(pose):
-                self.rest = partial(self.follow_up, self.pipeline, estimate, pose, roll)
+                known = roll, roll_std
+                self.rest = partial(self.follow_up, self.pipeline, estimate, pose, *known)
                 if self.executor is not None:  # a node of the same process hears the pose first
                     self.executor.create_task(self.finish)
 
@@ -289,12 +299,17 @@ class EstimatorNode(Node):
             rest()
 
     def follow_up(
-        self, pipeline: Pipeline, estimate: Estimate, pose: PoseWithCovarianceStamped, roll: float
+        self,
+        pipeline: Pipeline,
+        estimate: Estimate,
+        pose: PoseWithCovarianceStamped,
+        roll: float,
+        roll_std: float,
     ) -> None:
         """Publish what else there is of a pose that is out: track, leader, transform, figures."""
         header, track = pose.header, pipeline.track(roll)
         mismatch = f"mismatch: {track.mismatch}" if track and track.mismatch else ""
-        self.diagnostics.warn(estimate.fault, mismatch)
+        self.diagnostics.warn(estimate.fault, mismatch, self.roll_lost)
         self.log_state_of_fit(pipeline.estimator)
         if self.leaders.heard or self.below_base:
             own = Header(stamp=header.stamp, frame_id=self.base_frame)
@@ -305,7 +320,7 @@ class EstimatorNode(Node):
         if not self.below_base:
             self.send_transform(header, self.child_frame, pose.pose.pose)
         if track is not None:
-            self.publish_track(track, header, roll)
+            self.publish_track(track, header, roll, roll_std)
             self.tell_of_range(track.range)
         self.diagnostics.answer(
             stamp_ns(header), lambda: self.figures(pipeline.estimator, estimate, track)
@@ -323,9 +338,9 @@ class EstimatorNode(Node):
             self.state_of_fit = estimator.state_of_fit
             self.get_logger().info(f"{FIT}: {self.state_of_fit}")
 
-    def publish_track(self, track: Track, header: Header, roll: float) -> None:
+    def publish_track(self, track: Track, header: Header, roll: float, roll_std: float) -> None:
         """Publish pose and twist of the track."""
-        odometry = relative_odometry(track, roll, self.parameters["roll_std_rad"])
+        odometry = relative_odometry(track, roll, roll_std)
         pose = messages.pose_to_message(odometry.pose, odometry.covariance, header, roll)
         twist = odometry.twist, odometry.spread
         message = messages.odometry_to_message(pose, self.child_frame, *twist)

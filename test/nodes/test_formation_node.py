@@ -16,6 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 from uuv_optical_array.control.following import Following, SearchSettings
 from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.core.geometry import body_twist, covariance_5x5
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.formation_node import FormationNode, slow_station
 from uuv_optical_array.nodes.shared.messages import (
     features_to_message,
@@ -55,7 +56,10 @@ class Helm:
         self.commands = lab.listen(TwistStamped, "cmd_vel")
         self.states = lab.listen(DiagnosticStatus, "follow_state")
         self.looks, look = [], self.node.on_look
-        self.node.on_look = lambda header: (look(header), self.looks.append(header.stamp))
+        self.node.on_look = lambda header, *more: (
+            look(header, *more),
+            self.looks.append(header.stamp),
+        )
         lab.connect()
         lab.tick(self.now)
 
@@ -63,12 +67,12 @@ class Helm:
         """Begin with a law of the test's own."""
         self.law = Following(FormationSettings(station_m=tuple(STATION[:3])), self.search)
 
-    def look(self):
-        """Tell node and law of an image of this instant that shows no light."""
+    def look(self, parameters=None, brightest=None):
+        """Tell node and law of an image of this instant, which shows no light unless it is told."""
         stamp = time_of(self.now)
-        self.clouds.publish(features_to_message(None, Header(stamp=stamp)))
+        self.clouds.publish(features_to_message(parameters, Header(stamp=stamp)))
         self.lab.until(lambda: stamp in self.looks, "the image")
-        self.law.looked(self.now * 1e-9)
+        self.law.looked(self.now * 1e-9, brightest)
 
     def told(self, name):
         """Wait until a state is told, and return how it is told at first."""
@@ -341,6 +345,22 @@ def test_a_search_that_ended_can_be_begun_again(lab):
         helm.look()
         helm.tick()
     assert "lost" not in [state.message for state in helm.states]
+
+
+@pytest.mark.parametrize(("scene", "half"), [("follow", 2.0), ("leading_lights", 3.0)])
+def test_a_search_turns_to_light_that_has_no_pose(lab, scene, half):
+    side = load_scene(scene).array.detectors_per_side
+    assert side == 2 * half + 1
+    helm = Helm(lab, SearchSettings(coast_s=0.0), scene=scene)
+    helm.see(STATION)
+    helm.command()
+    for _ in range(30):  # of key parameters: 1.5 detectors to starboard, one down
+        helm.look(np.array([0.01, 1.5, 1.0, 0.3, 0.2]), (-1.5 / half, -1.0 / half))
+        found = helm.check_command()
+    assert helm.law.state.name == "searching"
+    _, _, _, _, pitch_rate, yaw_rate = found
+    assert yaw_rate < -0.1  # to starboard
+    assert pitch_rate > 0.01  # down
 
 
 def test_in_the_dark_it_knows_its_way_by_its_odometry_where_it_is_told_to(lab):

@@ -21,7 +21,7 @@ def follower() -> tuple[FeatureNode, EstimatorNode, FormationNode]:
     estimator = EstimatorNode(hand_over=formation.on_track)
 
     def hand_over(header: Header, parameters: Array | None, image: Array) -> None:
-        formation.on_look(header)
+        formation.on_look(header, parameters)
         estimator.on_frame(header, parameters, image)
 
     return FeatureNode(hand_over=hand_over), estimator, formation

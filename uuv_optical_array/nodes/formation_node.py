@@ -22,6 +22,7 @@ from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.core.geometry import Array, covariance_5x5
 from uuv_optical_array.core.messages import checked_twist, stamp_ns
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared import markers, messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.node import LASTING, publish, run, steady_clock, subscribe
@@ -29,7 +30,7 @@ from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, par
 from uuv_optical_array.nodes.shared.state_teller import StateTeller
 
 PARAMETERS = {
-    **shared("frame_prefix", "base_frame", "beacon_frame"),
+    **shared("scene", "frame_prefix", "base_frame", "beacon_frame"),
     **parameters_of(FormationSettings),
     **parameters_of(SearchSettings),
     "rate_hz": Parameter(10.0, Quantity("commands a second", "Hz", 0.1, 1000), True),
@@ -56,6 +57,8 @@ class FormationNode(Node):
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
         self.following = Following(*self.settings({}))
         self.image_s = -math.inf  # stamp of the newest image
+        side = load_scene(self.parameters["scene"]).array.detectors_per_side
+        self.half = max((side - 1) / 2, 0.5)  # detectors from the array's middle to its edge
         self.diagnostics = Diagnostics(self)
         self.commands = publish(self, TwistStamped, "cmd_vel")
         self.shapes = markers.Shapes(self, publish(self, MarkerArray, "markers", LASTING))
@@ -160,13 +163,18 @@ class FormationNode(Node):
         self.tell_state()
 
     def on_features(self, message: PointCloud2) -> None:
-        """Note that an image was taken, with light or without, as a topic tells."""
-        self.on_look(message.header)
+        """Take what a topic tells of an image, with light or without."""
+        with self.diagnostics.refusing():
+            self.on_look(message.header, messages.features_from_message(message))
 
-    def on_look(self, header: Header) -> None:
-        """Note that an image was taken, with light or without."""
+    def on_look(self, header: Header, parameters: Array | None) -> None:
+        """Note that an image was taken, and by its key parameters where it is brightest."""
+        place = None
+        if parameters is not None:
+            _, to_starboard, down, *_ = parameters.tolist()
+            place = -to_starboard / self.half, -down / self.half
         self.image_s = stamp_ns(header) * 1e-9
-        self.following.looked(self.image_s)
+        self.following.looked(self.image_s, place)
 
     def on_odometry(self, message: Odometry) -> None:
         """Tell the law how the follower moves by its own instruments."""

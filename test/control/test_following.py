@@ -1,0 +1,314 @@
+"""What a follower does as its leader's light goes and comes back, by exact poses and no images."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.control.following import (
+    IMAGES_S,
+    MEASURED_S,
+    SURFACE_M_PER_S,
+    Following,
+    SearchSettings,
+)
+from uuv_optical_array.control.formation import RANGE_STDS, STRAY_M_PER_S, FormationSettings
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.estimation.tracking.track import Outlier
+
+TICK_S, LIT_S = 0.1, 8.0
+STD_M = 0.01
+COVARIANCE = STD_M**2 * np.eye(5)
+OPEN = FormationSettings(min_distance_m=0.0)
+SHORT = SearchSettings(coast_s=4.0, search_time_s=10.0)
+TIMEOUT_S = OPEN.light_timeout_s
+
+
+class Pursuit:
+    """A level leader at a steady twist, and a follower that does what it is told; both exact.
+
+    Poses are sent while there is `light`, as of a lamp that is `aside` of the leader's, m.
+    """
+
+    def __init__(
+        self, speed=(0.5, 0.0, 0.0), turn=0.0, formation=OPEN, search=SHORT, station_off=(0, 0, 0)
+    ):
+        self.following = Following(formation, search)
+        self.formation = formation
+        self.speed, self.turn = np.array(speed, dtype=float), turn
+        self.leader, self.heading = np.zeros(3), 0.0
+        self.own = np.add(formation.station_m, station_off)
+        self.attitude = np.zeros(2)  # pitch and yaw
+        self.twist = np.zeros(5)
+        self.tick = 0
+        self.light, self.images, self.aside = True, True, np.zeros(3)
+        self.commanded, self.refused, self.states = None, None, []
+
+    @property
+    def now(self):
+        return self.tick * TICK_S
+
+    @property
+    def state(self):
+        return self.following.state.name
+
+    def to_leader(self):
+        return Rotation.from_euler("z", -self.heading)
+
+    def to_world(self):
+        return Rotation.from_euler("ZYX", [self.attitude[1], self.attitude[0], 0.0])
+
+    def place(self):
+        """Return the follower's place in the leader's frame."""
+        return self.to_leader().apply(self.own - self.leader)
+
+    def off_station(self):
+        return float(np.linalg.norm(self.place() - self.formation.station_m))
+
+    def step(self):
+        following, now = self.following, self.now
+        if self.images:
+            following.looked(now)
+        self.refused = None
+        if self.light:
+            place = self.place() - self.aside
+            own = self.to_leader().apply(self.to_world().apply(self.twist[:3]))
+            past = own - self.speed - np.cross([0, 0, self.turn], place)
+            rate = [*past, self.twist[3], self.twist[4] - self.turn]
+            pose = [*place, self.attitude[0], self.attitude[1] - self.heading]
+            try:
+                following.update(now, pose, COVARIANCE, rate)
+            except NoPose as reason:
+                self.refused = reason
+        self.commanded = following.command(now)
+        linear, angular = self.commanded or (np.zeros(3), np.zeros(3))
+        self.twist = np.concatenate([linear, angular[1:]])
+        # Each by the middle of the step.
+        self.attitude += self.twist[3:] * TICK_S / 2
+        self.own = self.own + self.to_world().apply(linear) * TICK_S
+        self.attitude += self.twist[3:] * TICK_S / 2
+        halfway = Rotation.from_euler("z", self.heading + self.turn * TICK_S / 2)
+        self.leader = self.leader + halfway.apply(self.speed) * TICK_S
+        self.heading += self.turn * TICK_S
+        self.tick += 1
+        if not self.states or self.states[-1] != self.state:
+            self.states.append(self.state)
+
+    def run(self, seconds):
+        for _ in range(round(seconds / TICK_S)):
+            self.step()
+        return self
+
+    def until(self, name):
+        """Run until a state, a minute at most."""
+        end = self.now + 60
+        while self.state != name:
+            assert self.now < end
+            self.step()
+        return self
+
+
+def dark(lit_s=LIT_S, **changes):
+    """Return a pursuit whose light has just gone, and the stamp of its last pose."""
+    pursuit = Pursuit(**changes).run(lit_s)
+    assert pursuit.state == "locked"
+    pursuit.light = False
+    return pursuit, pursuit.now - TICK_S
+
+
+def test_the_states_come_in_order_each_at_its_time():
+    pursuit, last_s = dark()
+    begun = [pursuit.now]
+    for name in ("coasting", "searching", "lost"):
+        pursuit.until(name)
+        begun.append(pursuit.following.state.since_s)
+        assert pursuit.following.state.reason
+    at = last_s + np.array([TIMEOUT_S, SHORT.coast_s, SHORT.search_time_s])
+    late = begun[1:] - at
+    assert (late > -1e-9).all()
+    assert (late < 1.5 * TICK_S).all()
+    assert pursuit.states == ["waiting", "locked", "coasting", "searching", "lost"]
+    assert pursuit.run(30).state == "lost"
+
+
+def test_no_pose_steers_before_those_of_the_start_have_settled():
+    pursuit = Pursuit()
+    while pursuit.state == "waiting":
+        pursuit.step()
+    assert pursuit.following.state.since_s == pytest.approx(SHORT.settle_s, abs=1e-9)
+    assert pursuit.now < SHORT.settle_s + 2 * TICK_S
+    # Until then it was left alone.
+    assert not pursuit.own[1:].any()
+    assert pursuit.own[0] - OPEN.station_m[0] <= OPEN.max_acceleration_m_per_s2 * TICK_S**2
+
+
+@pytest.mark.parametrize("speed", [(0.5, 0.0, 0.0), (0.9, 0.1, -0.1), (0.0, 0.0, 0.0)])
+def test_while_it_coasts_it_keeps_the_station_of_a_leader_that_goes_straight_on(speed):
+    pursuit, _ = dark(speed=speed, lit_s=3.0, search=replace(SHORT, coast_s=20.0))
+    pursuit.run(TIMEOUT_S + TICK_S)
+    before, since = pursuit.off_station(), pursuit.now
+    while pursuit.now < 20:
+        pursuit.step()
+        # What it was off decays by the gain, once the command has settled.
+        decays = math.exp(-OPEN.position_gain_per_s * max(pursuit.now - since - 2.0, 0.0))
+        assert pursuit.off_station() < before * decays + 0.01
+    assert pursuit.state == "coasting"
+    assert np.abs(pursuit.twist[:3] - speed).max() < 0.01
+
+
+def test_a_follower_that_has_lost_its_leader_holds_where_the_search_ended():
+    pursuit, _ = dark()
+    pursuit.until("lost")
+    ended = pursuit.own.copy()
+    pursuit.run(30)
+    assert pursuit.own == pytest.approx(ended, abs=0.05)
+    assert np.abs(pursuit.twist[:3]).max() < 0.01
+
+
+def test_when_lost_it_surfaces_where_it_is_told_to():
+    pursuit, _ = dark(search=replace(SHORT, when_lost="surface"))
+    pursuit.until("lost")
+    ended = pursuit.own.copy()
+    pursuit.run(20)
+    before = pursuit.own.copy()
+    pursuit.run(10)
+    assert pursuit.own[:2] == pytest.approx(ended[:2], abs=0.05)
+    assert pursuit.own[2] - before[2] == pytest.approx(10 * SURFACE_M_PER_S, rel=0.02)
+
+
+def test_when_lost_it_disengages_where_it_is_told_to():
+    pursuit, _ = dark(search=replace(SHORT, when_lost="disengage"))
+    pursuit.until("disengaged")
+    assert not pursuit.twist.any()
+    pursuit.step()
+    assert pursuit.commanded is None
+
+
+@pytest.mark.parametrize("name", ["coasting", "searching", "lost"])
+def test_light_that_came_back_steers_once_it_has_settled(name):
+    pursuit, _ = dark()
+    pursuit.until(name)
+    if name == "coasting":
+        pursuit.run(1.0)
+    pursuit.speed = np.zeros(3)  # where the follower sees it, not where it was expected
+    pursuit.leader = pursuit.own - OPEN.station_m if name != "coasting" else pursuit.leader
+    pursuit.heading = float(pursuit.attitude[1])
+    pursuit.light, first_s = True, pursuit.now
+    pursuit.until("locked")
+    assert pursuit.following.state.since_s == pytest.approx(first_s + SHORT.settle_s, abs=1e-9)
+    assert "light came back after" in pursuit.following.state.reason
+    pursuit.run(20)
+    assert pursuit.off_station() < 0.05
+
+
+def test_light_in_glimpses_farther_apart_than_the_timeout_never_settles():
+    pursuit, _ = dark()
+    pursuit.until("searching")
+    pursuit.leader, pursuit.speed = pursuit.own - OPEN.station_m, np.zeros(3)
+    while pursuit.state == "searching":
+        pursuit.light = pursuit.tick % 13 == 0  # each 1.3 s
+        pursuit.step()
+    assert pursuit.state == "lost"
+
+
+def test_strays_of_which_no_two_agree_never_steer():
+    pursuit, _ = dark()
+    rng = np.random.default_rng(4)
+    pursuit.light = True
+    for k in range(round((SHORT.search_time_s + 5.0) / TICK_S)):
+        pursuit.aside = np.array([9.0, (-1) ** k * rng.uniform(7.5, 15), 0.0])
+        pursuit.step()
+    assert pursuit.states == ["waiting", "locked", "coasting", "searching", "lost"]
+
+
+@pytest.mark.parametrize(("beyond", "taken"), [(-0.1, True), (0.1, False)])
+def test_a_lamp_where_the_leader_cannot_be_is_another_one(beyond, taken):
+    pursuit, last_s = dark()
+    pursuit.run(3.0)
+    assert pursuit.state == "coasting"
+    reach = RANGE_STDS * math.sqrt(2) * STD_M + (pursuit.now - last_s) * STRAY_M_PER_S
+    pursuit.light, pursuit.aside = True, np.array([0.0, reach + beyond, 0.0])
+    pursuit.step()
+    assert taken == (pursuit.refused is None)
+    if not taken:
+        assert isinstance(pursuit.refused, Outlier)
+        assert "another lamp" in str(pursuit.refused)
+        assert pursuit.run(0.8).state == "coasting"
+
+
+@given(
+    st.tuples(st.floats(0.0, 1.2), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)),
+    st.floats(-0.12, 0.12),
+    st.floats(-6.0, -3.0),
+)
+@example((0.5, 0.0, 0.0), 0.0, -3.0)
+@settings(max_examples=8)
+def test_in_the_dark_it_keeps_off_where_the_lamp_was_and_within_the_limits(speed, turn, x):
+    formation = FormationSettings((x, 0.0, 0.0), min_distance_m=2.0)
+    search = SearchSettings(search_distance_m=15.0, search_time_s=35.0)
+    pursuit = Pursuit(speed, turn, formation, search, (-1.0, 0.0, 0.0)).run(LIT_S)
+    lamp, pursuit.light = pursuit.leader - halfway_back(pursuit), False
+    pursuit.run(TIMEOUT_S)
+    start = pursuit.own.copy()
+    rest_m = formation.max_surge_m_per_s**2 / (2 * formation.max_acceleration_m_per_s2)
+    rest_m += formation.max_surge_m_per_s * formation.smoothing_s
+    for _ in range(round(38 / TICK_S)):
+        pursuit.step()
+        assert np.linalg.norm(pursuit.own - lamp) > formation.min_distance_m - 0.05
+        assert np.linalg.norm(pursuit.own - start) < search.search_distance_m + rest_m
+        assert abs(pursuit.own[2] - start[2]) < search.search_depth_m + 0.3
+    assert pursuit.state == "lost"
+
+
+def halfway_back(pursuit):
+    """Return what the leader went since the last pose."""
+    middle = Rotation.from_euler("z", pursuit.heading - pursuit.turn * TICK_S / 2)
+    return middle.apply(pursuit.speed) * TICK_S
+
+
+def test_a_follower_that_is_left_to_others_commands_nothing_until_it_is_engaged():
+    pursuit, _ = dark()
+    pursuit.following.engage(False, pursuit.now)
+    pursuit.light = True
+    for _ in range(30):
+        pursuit.step()
+        assert (pursuit.state, pursuit.commanded) == ("disengaged", None)
+    pursuit.following.engage(True, pursuit.now)
+    engaged_s = pursuit.now
+    assert pursuit.state == "waiting"
+    pursuit.until("locked")
+    assert pursuit.following.state.since_s == pytest.approx(engaged_s + SHORT.settle_s, abs=1e-9)
+
+
+def test_a_search_ends_where_no_images_come():
+    pursuit, _ = dark()
+    pursuit.until("searching")
+    pursuit.images, last_s = False, pursuit.now - TICK_S
+    pursuit.until("lost")
+    late_s = pursuit.following.state.since_s - last_s - IMAGES_S
+    assert -1e-9 < late_s < 1.5 * TICK_S
+    assert "no image comes" in pursuit.following.state.reason
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_a_measured_velocity_takes_the_place_of_the_commands_in_the_dark(measured):
+    """A follower that is held fast knows by it how far the leader has gone on."""
+    pursuit, last_s = dark(speed=(0.2, 0.0, 0.0), search=replace(SHORT, coast_s=20.0))
+    off = []
+    while pursuit.now < last_s + 8.0:
+        if measured:
+            pursuit.following.moved(pursuit.now, [0, 0, 0], [0, 0, 0])
+        pursuit.step()
+        off.append(pursuit.twist[0])
+    # The station went on at 0.2 m/s since the light was lost; the command lags by its smoothing.
+    gone_m = 0.2 * (8.0 - TIMEOUT_S - OPEN.smoothing_s) * measured
+    assert off[-1] == pytest.approx(0.2 + OPEN.position_gain_per_s * gone_m, abs=0.02)
+    # Once nothing is measured, its commands count again: no more is missing.
+    pursuit.run(MEASURED_S + 1.0)
+    later = pursuit.twist[0]
+    pursuit.run(2.0)
+    assert pursuit.twist[0] < later + 0.01

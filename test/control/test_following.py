@@ -22,7 +22,6 @@ from uuv_optical_array.estimation.tracking.track import Outlier
 
 TICK_S, LIT_S = 0.1, 8.0
 STD_M = 0.01
-COVARIANCE = STD_M**2 * np.eye(5)
 OPEN = FormationSettings(min_distance_m=0.0)
 SHORT = SearchSettings(coast_s=4.0, search_time_s=10.0)
 TIMEOUT_S = OPEN.light_timeout_s
@@ -46,6 +45,7 @@ class Pursuit:
         self.twist = np.zeros(5)
         self.tick = 0
         self.light, self.images, self.aside = True, True, np.zeros(3)
+        self.std_m = STD_M  # of poses, as they say
         self.commanded, self.refused, self.states = None, None, []
 
     @property
@@ -81,7 +81,7 @@ class Pursuit:
             rate = [*past, self.twist[3], self.twist[4] - self.turn]
             pose = [*place, self.attitude[0], self.attitude[1] - self.heading]
             try:
-                following.update(now, pose, COVARIANCE, rate)
+                following.update(now, pose, self.std_m**2 * np.eye(5), rate)
             except NoPose as reason:
                 self.refused = reason
         self.commanded = following.command(now)
@@ -250,15 +250,18 @@ def test_a_lamp_where_the_leader_cannot_be_is_another_one(beyond, taken):
 def test_in_the_dark_it_keeps_off_where_the_lamp_was_and_within_the_limits(speed, turn, x):
     formation = FormationSettings((x, 0.0, 0.0), min_distance_m=2.0)
     search = SearchSettings(search_distance_m=15.0, search_time_s=35.0)
-    pursuit = Pursuit(speed, turn, formation, search, (-1.0, 0.0, 0.0)).run(LIT_S)
+    pursuit = Pursuit(speed, turn, formation, search, (-1.0, 0.0, 0.0))
+    pursuit.std_m = 0.1
+    pursuit.run(LIT_S)
     lamp, pursuit.light = pursuit.leader - halfway_back(pursuit), False
     pursuit.run(TIMEOUT_S)
     start = pursuit.own.copy()
+    least_m = formation.min_distance_m + RANGE_STDS * pursuit.std_m
     rest_m = formation.max_surge_m_per_s**2 / (2 * formation.max_acceleration_m_per_s2)
     rest_m += formation.max_surge_m_per_s * formation.smoothing_s
     for _ in range(round(38 / TICK_S)):
         pursuit.step()
-        assert np.linalg.norm(pursuit.own - lamp) > formation.min_distance_m - 0.05
+        assert np.linalg.norm(pursuit.own - lamp) > least_m - 0.05
         assert np.linalg.norm(pursuit.own - start) < search.search_distance_m + rest_m
         assert abs(pursuit.own[2] - start[2]) < search.search_depth_m + 0.3
     assert pursuit.state == "lost"

@@ -1,0 +1,211 @@
+"""Where a leader without light may be: closed forms of its way, and what looking tells of it."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.control.leader_belief import (
+    AGAIN_S,
+    ARRAY_DEG,
+    DARK_S,
+    GLIMPSED_RAD,
+    LEAST,
+    LOOK_S,
+    MOST_PITCH,
+    TURN_S,
+    TURNING_S,
+    LeaderBelief,
+    SightSettings,
+)
+
+SIGHT = SightSettings(sight_m=15.0, sight_deg=20.0)
+STATION = np.array([-5.0, 0.0, 0.0, 0.0, 0.0])
+ASTERN = STATION  # where the follower sees a lamp at the origin
+
+
+def of(prior, starts, speeds=None, rates=None, turns=None):
+    """Return a belief of such hypotheses, at rest where nothing else is told."""
+    none = np.zeros((len(prior), 2))
+    return LeaderBelief(
+        SIGHT,
+        np.array(prior, dtype=float),
+        np.array(starts, dtype=float),
+        np.zeros((len(prior), 3)) if speeds is None else np.array(speeds, dtype=float),
+        none if rates is None else np.array(rates, dtype=float),
+        none if turns is None else np.array(turns, dtype=float),
+    )
+
+
+def at(x, y=0.0, z=0.0, pitch=0.0, yaw=0.0):
+    return [x, y, z, pitch, yaw]
+
+
+@pytest.mark.parametrize("speed", [(0.5, 0.0, 0.0), (0.4, 0.2, -0.1)])
+def test_a_leader_that_went_straight_is_expected_where_it_would_be(speed):
+    belief = LeaderBelief.of_motion(SIGHT, np.array(speed), np.zeros(2))
+    for step in (0.05, 0.3, 1.0, 2.15, 8.5):
+        belief.pass_time(step)
+    place, heading = belief.likeliest()
+    np.testing.assert_allclose(place, 12.0 * np.array(speed), rtol=1e-12)
+    np.testing.assert_array_equal(heading, [0, 0])
+    assert belief.age_s == pytest.approx(12.0)
+
+
+@pytest.mark.parametrize("turn", [0.1, -0.25])
+def test_a_steady_turn_is_an_arc(turn):
+    belief = of([1.0], [at(1.0, 2.0, 3.0)], [[0.6, 0, 0]], [[0, turn]], [[0, turn]])
+    for _ in range(round(0.8 * TURNING_S / 0.1)):
+        belief.pass_time(0.1)
+    turned = 0.8 * TURNING_S * turn
+    arc = 0.6 / turn * np.array([math.sin(turned), 1 - math.cos(turned), 0.0])
+    np.testing.assert_allclose(belief.places[0], np.add(arc, [1, 2, 3]), rtol=1e-9)
+    np.testing.assert_allclose(belief.headings[0], [0, turned], atol=1e-12)
+
+
+def test_a_turn_goes_over_to_another_and_ends():
+    belief, step = of([1.0], [at(0)], [[0.5, 0, 0]], [[0, 0.1]], [[0, -0.05]]), 0.002
+    for _ in range(round(6.0 / step)):
+        belief.pass_time(step)
+    left = math.exp(-6.0 / TURN_S)
+    expected = -0.05 * 6.0 + 0.15 * TURN_S * (1 - left)
+    assert belief.headings[0, 1] == pytest.approx(expected, abs=1e-3)
+    assert belief.motion(0)[1][1] == pytest.approx(-0.05 + 0.15 * left, abs=1e-3)
+    for _ in range(round((TURNING_S + 10 * TURN_S) / 0.1)):
+        belief.pass_time(0.1)
+    assert belief.motion(0)[1] == pytest.approx([0, 0], abs=1e-4)
+
+
+def test_a_leader_climbs_by_its_pitch_and_no_steeper_than_leaders_do():
+    climbing = of([1.0], [at(0, pitch=-0.2, yaw=0.3)], [[0.5, 0, 0]])
+    climbing.pass_time(4.0)
+    way = 2.0 * np.array([math.cos(0.2) * math.cos(0.3), math.cos(0.2) * math.sin(0.3)])
+    np.testing.assert_allclose(climbing.places[0], [*way, 2.0 * math.sin(0.2)], rtol=1e-12)
+    steep = of([1.0], [at(0)], [[0.5, 0, 0]], [[0.2, 0]], [[0.2, 0]])
+    for _ in range(80):
+        steep.pass_time(0.1)
+    assert steep.headings[0, 0] == MOST_PITCH
+
+
+def test_a_straight_leader_may_turn_to_either_side_alike_and_each_may_have_stopped():
+    belief = LeaderBelief.of_motion(SIGHT, np.array([0.5, 0, 0]), np.zeros(2))
+    belief.pass_time(0.0)
+    assert belief.weights.sum() == pytest.approx(1.0, abs=1e-3)
+    for _ in range(60):
+        belief.pass_time(0.1)
+    for axis in (1, 2):
+        assert belief.weights @ belief.places[:, axis] == pytest.approx(0, abs=1e-9)
+        assert np.ptp(belief.places[:, axis]) > 0.5
+    assert belief.places[:, 0].max() <= 0.5 * 6.0 + 1e-9
+    assert (np.linalg.norm(belief.places, axis=1) < 1e-9).any()
+
+
+# What hides a lamp that would be seen from `ASTERN`: each by a little, and not quite.
+EDGE = math.radians(SIGHT.sight_deg)
+BOW = math.radians(ARRAY_DEG)
+
+
+@pytest.mark.parametrize(
+    ("lamp", "yaw", "seen"),
+    [
+        (at(0), 0.0, True),
+        (at(SIGHT.sight_m - 5.1), 0.0, True),
+        (at(SIGHT.sight_m - 4.9), 0.0, False),
+        (at(0, yaw=EDGE - 0.02), 0.0, True),
+        (at(0, yaw=EDGE + 0.02), 0.0, False),
+        (at(0, z=5.0 * math.tan(EDGE + 0.02)), 0.0, False),
+        (at(0, yaw=math.pi), 0.0, False),
+        (at(0), BOW - 0.02, True),
+        (at(0), -BOW - 0.02, False),
+    ],
+)
+def test_looking_in_vain_tells_only_against_lamps_that_would_be_seen(lamp, yaw, seen):
+    belief = of([0.6, 0.4], [lamp, at(-30.0)])
+    belief.pass_time(20 * DARK_S)  # by now the lamp is lit again
+    before = belief.weights.copy()
+    for _ in range(10):
+        belief.advance(0.1, np.add(ASTERN, [0, 0, 0, 0, yaw]))
+    assert belief.weights[1] == before[1]
+    kept = belief.weights[0] / before[0]
+    # Less what comes back meanwhile.
+    assert kept == pytest.approx(math.exp(-1.0 / LOOK_S) if seen else 1.0, abs=1.0 / AGAIN_S)
+
+
+def test_dark_that_has_just_begun_tells_little():
+    belief = of([1.0], [at(0)])
+    for _ in range(10):
+        belief.advance(0.1, ASTERN)
+    # The integral of t / DARK_S / LOOK_S over a second.
+    assert belief.weights[0] == pytest.approx(1 - 0.5 / (DARK_S * LOOK_S), abs=3e-3)
+
+
+def test_what_was_seen_dark_is_never_ruled_out_and_counts_again_later():
+    belief = of([0.6, 0.4], [at(0), at(-30.0)])
+    belief.pass_time(20 * DARK_S)
+    for _ in range(round(20 * LOOK_S / 0.1)):
+        belief.advance(0.1, ASTERN)
+    # What looking takes and what comes back are as much.
+    assert LEAST * 0.6 <= belief.weights[0] < 0.6 * (LOOK_S / AGAIN_S + 0.02)
+    left = belief.weights[0]
+    belief.advance(AGAIN_S, np.add(ASTERN, [0, 0, 0, 0, math.pi]))
+    assert 0.6 - belief.weights[0] == pytest.approx((0.6 - left) / math.e)
+
+
+@pytest.mark.parametrize(("far_m", "first"), [(10.0, False), (60.0, True)])
+def test_the_place_from_which_more_is_seen_is_looked_at_first_unless_it_is_far(far_m, first):
+    """One lamp of weight 0.4 ahead, two of 0.3 beside each other, both seen from either's place."""
+    starts = [at(10.0, 0.0), at(-far_m, -0.3), at(-far_m, 0.3)]
+    goal = of([0.4, 0.3, 0.3], starts).goal(ASTERN, STATION, 1.0)
+    assert (goal in (0, 3)) == first  # the fourth is the likeliest once more
+    apart = [at(10.0, 0.0), at(-far_m, -30.0), at(-far_m, 30.0)]
+    assert of([0.4, 0.3, 0.3], apart).goal(ASTERN, STATION, 1.0) in (0, 3)
+
+
+def test_a_place_is_chosen_by_where_the_lamps_will_be_on_arrival():
+    # Ten seconds off the one goes out of the other's sight, and the third comes into it.
+    starts = [at(0, 10.0), at(0, 10.5), at(0, -10.0), at(0, -30.0)]
+    speeds = [[0, 0, 0], [0, 2.0, 0], [0, 0, 0], [0, 2.0, 0]]
+    belief = of([0.26, 0.25, 0.24, 0.25], starts, speeds)
+    assert belief.goal(ASTERN, STATION, 1.0) in (2, 3)
+
+
+def pose_of(own, lamp):
+    """Return the pose at which a follower sees a lamp, by SciPy's rotations; both are level."""
+    turn = Rotation.from_euler("z", lamp[4]).inv()
+    return np.array([*turn.apply(np.subtract(own[:3], lamp[:3])), own[3], own[4] - lamp[4]])
+
+
+@pytest.mark.parametrize("nearest", [0, 1, 2])
+def test_a_glimpse_moves_the_weight_to_the_hypothesis_that_it_fits(nearest):
+    starts = np.array([at(0), at(4.0, 3.0, yaw=0.5), at(2.0, -5.0, 1.0, yaw=-0.7)])
+    prior = np.array([0.7, 0.2, 0.1])
+    belief, own = of(prior, starts), np.array([-5.0, 1.0, 0.5, 0.1, 0.2])
+    pose = pose_of(own, starts[nearest])
+    place, heading = belief.seen_at(own, pose)
+    np.testing.assert_allclose([*place, heading[1]], starts[nearest][[0, 1, 2, 4]], atol=1e-12)
+    belief.glimpse(own, pose, 0.01 * np.eye(5))
+    of_prior = belief.weights[:3] / prior
+    assert of_prior[nearest] == pytest.approx(1.0)
+    assert (np.delete(of_prior, nearest) < 0.1).all()
+    # And what was seen is the first of all, though nobody thought of it.
+    assert belief.weights.argmax() == 3
+    np.testing.assert_allclose(belief.places[3], starts[nearest][:3], atol=1e-12)
+
+
+def test_a_glimpse_whose_attitude_is_not_known_is_no_hypothesis():
+    own, lamp = ASTERN, at(3.0, 2.0)
+    belief = of([0.7, 0.3], [at(0), at(3.0, 2.0)])
+    before = belief.places.copy()
+    unsure = np.diag([0.01, 0.01, 0.01, *[0.6 * GLIMPSED_RAD**2] * 2])
+    belief.glimpse(own, pose_of(own, lamp), unsure)
+    np.testing.assert_array_equal(belief.places, before)
+    assert belief.weights[1] > belief.weights[0]
+
+
+def test_before_any_light_the_leader_is_likeliest_where_the_station_is_its():
+    belief = LeaderBelief.at_start(SIGHT)
+    place, heading = belief.likeliest()
+    assert not place.any()
+    assert not heading.any()
+    assert belief.weights @ belief.places[:, 1] == pytest.approx(0, abs=1e-9)

@@ -98,6 +98,14 @@ def test_a_leader_too_fast_to_follow_winds_nothing_up():
     assert np.abs(errors[-1]).max() < 0.01
 
 
+def test_the_bow_points_at_the_lamp_where_it_is_told_to():
+    s = replace(SETTINGS, station_m=(-4.0, 2.0, -0.5), bow_to_lamp=True)
+    errors, _ = follow(40, twist=steady([0.3, 0, 0], [0, 0, 0]), settings=s)
+    # Ahead of the follower are 4 m, -2 m and 0.5 m; up is a negative pitch.
+    bow = [-np.arctan2(0.5, np.hypot(4, 2)), np.arctan2(-2, 4)]
+    assert errors[-1] == pytest.approx([0, 0, 0, *bow], abs=1e-3)
+
+
 def test_lost_light_is_a_straight_ramp_to_a_stop():
     controller, stamp = under_way(light_timeout_s=1.0, stop_time_s=4.0)
     cruise = command_at(controller, stamp + 1.0)

@@ -77,6 +77,14 @@ def test_a_turn_goes_over_to_another_and_ends():
     assert belief.motion(0)[1] == pytest.approx([0, 0], abs=1e-4)
 
 
+def test_a_leader_that_turned_is_expected_to_turn_on_for_a_while():
+    belief = LeaderBelief.of_motion(SIGHT, np.array([0.5, 0, 0]), np.array([0.01, 0.1]))
+    for _ in range(round(6.0 / 0.002)):
+        belief.pass_time(0.002)
+    lasts = TURN_S * (1 - math.exp(-6.0 / TURN_S))
+    assert belief.likeliest()[1] == pytest.approx([0.01 * lasts, 0.1 * lasts], rel=2e-3)
+
+
 def test_a_leader_climbs_by_its_pitch_and_no_steeper_than_leaders_do():
     climbing = of([1.0], [at(0, pitch=-0.2, yaw=0.3)], [[0.5, 0, 0]])
     climbing.pass_time(4.0)

@@ -73,6 +73,7 @@ def test_a_vehicle_that_brakes_no_harder_than_it_may_stops_in_time():
         light_timeout_s=0.3,
         stop_time_s=0.3,
         smoothing_s=0.1,
+        max_acceleration_m_per_s2=0.2,
     )
     controller, x, speed, fastest = FormationController(s), -12.0, 0.0, 0.0
     step = s.max_acceleration_m_per_s2 * TICK_S

@@ -164,18 +164,10 @@ def test_what_was_seen_dark_is_never_ruled_out_and_counts_again_later():
 def test_the_place_from_which_more_is_seen_is_looked_at_first_unless_it_is_far(far_m, first):
     """One lamp of weight 0.4 ahead, two of 0.3 beside each other, both seen from either's place."""
     starts = [at(10.0, 0.0), at(-far_m, -0.3), at(-far_m, 0.3)]
-    goal = of([0.4, 0.3, 0.3], starts).goal(ASTERN, STATION, 1.0)
+    goal = of([0.4, 0.3, 0.3], starts).goal(ASTERN, STATION, 1.0)[0]
     assert (goal in (0, 3)) == first  # the fourth is the likeliest once more
     apart = [at(10.0, 0.0), at(-far_m, -30.0), at(-far_m, 30.0)]
-    assert of([0.4, 0.3, 0.3], apart).goal(ASTERN, STATION, 1.0) in (0, 3)
-
-
-def test_a_place_is_chosen_by_where_the_lamps_will_be_on_arrival():
-    # Ten seconds off the one goes out of the other's sight, and the third comes into it.
-    starts = [at(0, 10.0), at(0, 10.5), at(0, -10.0), at(0, -30.0)]
-    speeds = [[0, 0, 0], [0, 2.0, 0], [0, 0, 0], [0, 2.0, 0]]
-    belief = of([0.26, 0.25, 0.24, 0.25], starts, speeds)
-    assert belief.goal(ASTERN, STATION, 1.0) in (2, 3)
+    assert of([0.4, 0.3, 0.3], apart).goal(ASTERN, STATION, 1.0)[0] in (0, 3)
 
 
 def pose_of(own, lamp):

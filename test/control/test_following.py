@@ -16,7 +16,12 @@ from uuv_optical_array.control.following import (
     Following,
     SearchSettings,
 )
-from uuv_optical_array.control.formation import RANGE_STDS, STRAY_M_PER_S, FormationSettings
+from uuv_optical_array.control.formation import (
+    RANGE_STDS,
+    STRAY_M,
+    STRAY_M_PER_S,
+    FormationSettings,
+)
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.tracking.track import Outlier
 
@@ -230,7 +235,8 @@ def test_a_lamp_where_the_leader_cannot_be_is_another_one(beyond, taken):
     pursuit, last_s = dark()
     pursuit.run(3.0)
     assert pursuit.state == "coasting"
-    reach = RANGE_STDS * math.sqrt(2) * STD_M + (pursuit.now - last_s) * STRAY_M_PER_S
+    reach = RANGE_STDS * math.sqrt(2) * STD_M + STRAY_M
+    reach += (pursuit.now - last_s) * STRAY_M_PER_S
     pursuit.light, pursuit.aside = True, np.array([0.0, reach + beyond, 0.0])
     pursuit.step()
     assert taken == (pursuit.refused is None)

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from uuv_optical_array.control.formation import (
     MOST_UNCERTAIN,
     RANGE_STDS,
+    STRAY_M,
     STRAY_M_PER_S,
     FormationController,
 )
@@ -142,7 +143,7 @@ def test_what_a_leader_can_reach_within_the_errors_is_no_outlier(rate, swept_m, 
     """From where its motion leads in 0.5 s: what it strays, and three deviations of the errors."""
     # 0.3 and 0.4 m along x, less across.
     before, after = np.diag([0.09, 0.01, 0.01, 0.01, 0.01]), np.diag([0.16, 0.01, 0.01, 0.01, 0.01])
-    reach = RANGE_STDS * 0.5 + 0.5 * STRAY_M_PER_S + swept_m
+    reach = RANGE_STDS * 0.5 + STRAY_M + 0.5 * STRAY_M_PER_S + swept_m
     controller = FormationController(SETTINGS)
     controller.update(0.0, [-12.0, 0, 0, 0, 0], before, rate)
     pose = np.add([-12.0, 0, 0, 0, 0], 0.5 * np.array(rate)) - along(reach + beyond)

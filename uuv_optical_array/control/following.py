@@ -149,15 +149,17 @@ class Following:
     def moved(self, stamp_s: float, linear: ArrayLike, angular: ArrayLike) -> None:
         """Take the follower's measured velocity, m/s and rad/s, ``(3,)`` each, in its frame.
 
-        While it comes, it takes the place of the commands in the dark.
+        While it comes, it takes the place of the commands in the dark. It is through the water, as
+        these are: a current carries the leader, too.
         """
         self._measured = stamp_s, np.concatenate([linear, np.asarray(angular)[1:]]).astype(float)
 
     def search(self, now_s: float) -> None:
-        """Search for the leader now, from where the follower is."""
+        """Search for the leader now, from where the follower is, and for the whole time."""
         if self._dark is None:
-            track = self._law.seen(now_s)
-            self._go_dark(now_s, track)
+            self._go_dark(now_s, self._law.seen(now_s))
+        assert self._dark is not None
+        self._dark.search_from_s = self._dark.age_s
         self._to("searching", now_s, "it was told to")
 
     def update(
@@ -168,6 +170,9 @@ class Following:
         Arguments and errors are those of `FormationController.update`; without light also Outlier
         for a lamp where the leader cannot be yet.
         """
+        if self._dark is None and self.state.name == "locked" and self._law.seen(stamp_s) is None:
+            # No command has come since the light went.
+            self._lose_light(stamp_s)
         dark = self._dark
         if dark is None:
             self._law.update(stamp_s, pose, covariance, rate)
@@ -211,14 +216,17 @@ class Following:
                 return None
             if self._law.seen(now_s) is not None:
                 return self._sent(self._law.command(now_s))
-            self._go_dark(now_s, self._law.last)
-            self._to("coasting", now_s, "the light is gone; the leader is taken to go on")
+            self._lose_light(now_s)
         dark = self._dark
         assert dark is not None
         dark.advance(now_s, self._own_twist(now_s))
         if not self._goes_on(now_s, dark):
             return np.zeros(3), np.zeros(3)
         return self._sent(self._driven(now_s, dark))
+
+    def _lose_light(self, now_s: float) -> None:
+        self._go_dark(now_s, self._law.last)
+        self._to("coasting", now_s, "the light is gone; the leader is taken to go on")
 
     def _begin_search(self, now_s: float) -> None:
         """Search from the start, where images come that show no light."""
@@ -241,7 +249,7 @@ class Following:
         if name != "searching":
             return True
         why = ""
-        if dark.age_s > s.search_time_s:
+        if dark.age_s - dark.search_from_s > s.search_time_s:
             why = f"no light for {s.search_time_s:g} s"
         elif not self._images_come(now_s):
             why = "no image comes, so that a search would be blind"
@@ -286,7 +294,7 @@ class _Dark:
     """The time without light, in a frame that stays in the water: the lamp's, as the light went.
 
     - own: where the follower is by its own motion, ``(5,)``.
-    - age_s: time without light, s.
+    - age_s: time without light, s; search_from_s: of it, when a search was told to begin.
     - held: where it was when it gave up.
     """
 
@@ -302,7 +310,7 @@ class _Dark:
         self._station = np.array([*settings.station_m, 0.0, 0.0])
         self._now_s, self._planned_s, self._goal = now_s, -math.inf, Goal(-1, 0.0)
         self._glimpsed_s = -math.inf
-        self.age_s, self._margin_m = 0.0, 0.0
+        self.age_s, self.search_from_s, self._margin_m = 0.0, 0.0, 0.0
         self._stopped = track is not None  # whether a leader may be where the lamp was seen
         self._track = track
         if track is None:
@@ -401,7 +409,8 @@ class _Dark:
             goal = self._start[:3] + s.search_distance_m / length * way
             moving = np.zeros(3)
         low, high = self._start[2] - s.search_depth_m, self._start[2] + s.search_depth_m
-        goal[2] = min(max(goal[2], low), high)
+        if not low <= goal[2] <= high:
+            goal[2], moving[2] = min(max(goal[2], low), high), 0.0
         pitch, yaw = bow_to(place - self.own[:3])
         most = math.radians(s.search_turn_deg)
         turned = math.remainder(yaw - self._start[YAW], 2 * math.pi)

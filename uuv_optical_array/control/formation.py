@@ -47,7 +47,8 @@ from uuv_optical_array.estimation.tracking.track import Outlier
 STATION = Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
 RANGE_STDS = 3.0  # how far a range may err, in standard deviations
 MOST_UNCERTAIN = 0.5  # of a range, that it may err and still steer
-STRAY_M_PER_S = 0.2  # by which a leader may leave the way that its last motion leads
+# By how much a leader that speeds up or brakes, and may leave its way, is not where it leads.
+STRAY_M, STRAY_M_PER_S = 0.3, 0.2
 MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 
 
@@ -110,7 +111,7 @@ class LeaderTrack(NamedTuple):
         both = self.covariance[:3, :3] + covariance[:3, :3]
         swept = float(np.linalg.norm(self.leader_rate[3:])) * float(np.linalg.norm(self.pose[:3]))
         errs_m = RANGE_STDS * math.sqrt(off @ both @ off) / length
-        return errs_m + elapsed_s * (STRAY_M_PER_S + swept)
+        return errs_m + STRAY_M + elapsed_s * (STRAY_M_PER_S + swept)
 
 
 class KeepOff(NamedTuple):

@@ -38,7 +38,7 @@ DRIFTS = np.array([[0, 0, 0], [0, 0.3, 0], [0, -0.3, 0], [0, 0, 0.25], [0, 0, -0
 DARK_S = 30.0  # time constant of the probability that the lamp still gives no light
 LOOK_S = 4.0  # of looking at a lit lamp without seeing it, which makes it unlikely by e
 AGAIN_S = 60.0  # after which what was seen dark counts again
-LEAST = 0.02  # weight, of its prior, that looking in vain leaves
+LEAST = 0.02  # weight, of its prior, that a glimpse elsewhere leaves
 ARRAY_DEG = 70.0  # off the bow, to where detectors see
 NEAREST_M = 0.5
 GLIMPSED_RAD = 0.6  # standard deviation of its angles below which a glimpse is a hypothesis
@@ -158,7 +158,6 @@ class LeaderBelief:
         lit = 1 - math.exp(-self.age_s / DARK_S)
         self.weights[seen & facing] *= math.exp(-step_s * lit / LOOK_S)
         self.weights += (self._prior - self.weights) * (1 - math.exp(-step_s / AGAIN_S))
-        self.weights = np.maximum(self.weights, LEAST * self._prior)
         self.pass_time(step_s)
 
     def pass_time(self, step_s: float) -> None:

@@ -121,9 +121,6 @@ class FormationNode(Node):
         elif name == "locked":
             response.message = "it is locked: the leader's light steers"
         else:
-            if name == "lost":  # the search that ended has used up its time
-                self.following.engage(True, self.now_s())
-                self.following.looked(self.image_s)
             self.following.search(self.now_s())
             self.tell_state()
             response.message = f"it searches for {self.parameters['search_time_s']:g} s at most"

@@ -40,7 +40,7 @@ def test_vehicles_swim_on_by_a_steady_clock(lab):
 
 
 def test_commands_are_sent_on_by_a_steady_clock(lab):
-    lab.begin()
+    lab.begin({"settle_s": 0.0})
     node = lab.start(FormationNode)
     heard = lab.listen(TwistStamped, "cmd_vel")
     lab.connect()

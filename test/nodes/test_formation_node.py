@@ -324,7 +324,7 @@ def test_a_search_is_begun_by_a_service_and_refused_where_there_is_nothing_to_se
     helm.told("coasting")
     assert search() == (True, "it searches for 3 s at most")
     helm.told("searching")
-    dark(2.0)
+    dark(4.0)
     helm.told("lost")
     lab.call(SetBool, "formation_node/engage", data=False)
     success, words = search()

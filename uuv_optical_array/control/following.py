@@ -325,8 +325,8 @@ class _Dark:
             speed = np.clip(speed, -MOST_SPEED, MOST_SPEED)
             self._belief = LeaderBelief.of_motion(search, speed, turn)
             self._margin_m = track.margin_m
-            self._belief.pass_time(now_s - stamp_s)
-            self.age_s = now_s - stamp_s
+            self.age_s = max(now_s - stamp_s, 0.0)  # a clock may be set back
+            self._belief.pass_time(self.age_s)
         self._start, self.held = self.own.copy(), self.own.copy()
         self._stayed = self.own[:3].copy()
 

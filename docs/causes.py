@@ -63,7 +63,7 @@ CAUSES = {
     "several publishers": "Two nodes publish on one topic.",
     "mismatch": (
         "Many images differ from the scene by more than its prior, best explained by what the text"
-        " names. The track is then so uncertain that the follower stops."
+        " names. The track forgets what it learnt, and is as certain as single images."
     ),
     "old stamps": _OLD_CLOCK,
     "future stamps": _OLD_CLOCK,

@@ -9,12 +9,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.control.darkness import SearchSettings
 from uuv_optical_array.control.following import (
     IMAGES_S,
     MEASURED_S,
     SURFACE_M_PER_S,
     Following,
-    SearchSettings,
 )
 from uuv_optical_array.control.formation import (
     RANGE_STDS,

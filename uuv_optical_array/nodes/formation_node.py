@@ -17,7 +17,8 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
-from uuv_optical_array.control.following import Following, SearchSettings, State
+from uuv_optical_array.control.darkness import SearchSettings
+from uuv_optical_array.control.following import Following, State
 from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.core.geometry import Array, covariance_5x5
 from uuv_optical_array.core.messages import checked_twist, stamp_ns

@@ -1,0 +1,257 @@
+"""What a follower does without light: by which motion of its own, to where, and how far.
+
+All of it is in a frame that stays in the water: that of the lamp, as the light went.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+
+from uuv_optical_array.control.formation import (
+    FormationController,
+    FormationSettings,
+    KeepOff,
+    LeaderTrack,
+    bow_to,
+)
+from uuv_optical_array.control.leader_belief import Goal, LeaderBelief, SightSettings
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.tracking.motion import in_beacon
+from uuv_optical_array.estimation.tracking.track import Outlier
+
+LostAction = Literal["hold", "surface", "disengage"]
+
+# A place is chosen anew so long after the last choice, where it is not reached, and where it is.
+MOST_S, ARRIVED_S, ARRIVED_M = 25.0, 2.0, 1.0
+PASSING_M = 0.5  # beyond the minimum distance, at which a lamp that may have stopped is passed
+# By how much it turns to light at the array's edge, rad; so long after the last pose of it, s.
+TURN_RAD, PITCH_RAD, TURNING_S = 0.8, 0.2, 1.0
+MOST_SPEED, MOST_TURN = 2.0, 0.6  # of a leader, m/s and rad/s: beyond them is noise
+OTHER_M = 1.0  # from where the leader is expected, where a lamp may be another one
+
+
+@dataclass(frozen=True)
+class SearchSettings(SightSettings):
+    """What a follower does without light."""
+
+    coast_s: Annotated[
+        float, Quantity("without light until it searches; its leader may turn later", "s", 0, 60)
+    ] = 8.0
+    search_time_s: Annotated[
+        float, Quantity("without light until the search ends; 0: none", "s", 0, 3600)
+    ] = 90.0
+    search_start_s: Annotated[
+        float, Quantity("without light at the start until it searches; 0: never", "s", 0, 600)
+    ] = 5.0
+    search_distance_m: Annotated[
+        float, Quantity("farthest from where the light went", "m", 0, 1000)
+    ] = 40.0
+    search_depth_m: Annotated[
+        float, Quantity("farthest above and below where the light went", "m", 0, 100)
+    ] = 3.0
+    search_turn_deg: Annotated[
+        float, Quantity("farthest from the heading at which the light went", "deg", 0, 180)
+    ] = 150.0
+    settle_s: Annotated[
+        float, Quantity("for which poses agree before light that came back steers", "s", 0, 10)
+    ] = 1.0
+    when_lost: Annotated[
+        LostAction, Quantity("what follows a search in vain: hold the place, rise, or disengage")
+    ] = "hold"
+
+
+class Darkness:
+    """The time without light, in a frame that stays in the water: the lamp's, as the light went.
+
+    - own: where the follower is by its own motion, ``(5,)``.
+    - age_s: time without light, s; search_from_s: of it, when a search was told to begin.
+    - held: where it was when it gave up.
+    """
+
+    def __init__(
+        self,
+        settings: FormationSettings,
+        search: SearchSettings,
+        now_s: float,
+        track: LeaderTrack | None,
+        law: FormationController,
+    ) -> None:
+        self._settings, self._search = settings, search
+        self._station = np.array([*settings.station_m, 0.0, 0.0])
+        self._now_s, self._planned_s, self._goal = now_s, -math.inf, Goal(-1, 0.0)
+        self._glimpsed_s = -math.inf
+        self.age_s, self.search_from_s, self._margin_m = 0.0, 0.0, 0.0
+        self._stopped = track is not None  # whether a leader may be where the lamp was seen
+        self._track = track
+        if track is None:
+            self.own = self._station.copy()
+            self._belief = LeaderBelief.at_start(search)
+        else:
+            stamp_s = track.stamp_ns * 1e-9
+            way = law.moved_since(track.stamp_ns, now_s)
+            self.own = wrapped(track.pose + in_beacon(track.pose, way))
+            turn = np.clip(-track.leader_rate[3:], -MOST_TURN, MOST_TURN)
+            speed = -track.leader_rate[:3] - _turning(turn, track.pose[:3])
+            speed = np.clip(speed, -MOST_SPEED, MOST_SPEED)
+            self._belief = LeaderBelief.of_motion(search, speed, turn)
+            self._margin_m = track.margin_m
+            self.age_s = max(now_s - stamp_s, 0.0)  # a clock may be set back
+            self._belief.pass_time(self.age_s)
+        self._start, self.held = self.own.copy(), self.own.copy()
+        self._stayed = self.own[:3].copy()
+
+    def advance(self, now_s: float, twist: Array) -> None:
+        """Move on to the present, s, by the follower's own motion, ``(5,)``."""
+        step_s = min(max(now_s - self._now_s, 0.0), 1.0)
+        self._now_s = now_s
+        self.own = wrapped(self.own + step_s * in_beacon(self.own, twist))
+        self.age_s += step_s
+        self._belief.advance(step_s, self.own)
+
+    def check(self, pose: Array, covariance: Array) -> None:
+        """Raise Outlier for a lamp that is farther off than the leader's is likely to be by now."""
+        place, _ = self._belief.seen_at(self.own, pose)
+        off = place - self._belief.likeliest()[0]
+        assert self._track is not None
+        most_m = self._track.reach_m(covariance, off, self.age_s)
+        if np.linalg.norm(off) > most_m:
+            raise Outlier(
+                f"outlier: a lamp {np.linalg.norm(off):.3g} m from where the leader is expected, "
+                f"more than {most_m:.2g} m; another lamp, or the leader left its way"
+            )
+
+    def glimpse(self, pose: Array, covariance: Array) -> None:
+        """Let a pose that is not trusted yet guide the search."""
+        goal = self._belief.glimpse(self.own, pose, covariance)
+        self._glimpsed_s = self._now_s
+        if goal is not None:
+            self._goal, self._planned_s = goal, self._now_s
+
+    def found(self, pose: Array) -> str:
+        """Say after how long a pose came, and how far its lamp is from where it was expected."""
+        place, _ = self._belief.seen_at(self.own, pose)
+        off_m = float(np.linalg.norm(place - self._belief.likeliest()[0]))
+        where = f", {off_m:.1f} m from where the leader was expected" if self._stopped else ""
+        doubt = "; it may be another lamp" if self._stopped and off_m > OTHER_M else ""
+        return f"after {self.age_s:.1f} s{where}{doubt}"
+
+    def coast(self) -> tuple[Array, Array, Array, list[KeepOff]]:
+        """Return what `FormationController.drive` takes, towards where the station would be."""
+        return self._towards(self._belief.newest)
+
+    def _towards(self, k: int) -> tuple[Array, Array, Array, list[KeepOff]]:
+        """Return what steers to the station behind a hypothesis of the leader."""
+        place, heading = self._belief.places[k], self._belief.headings[k]
+        speed, turn = self._belief.motion(k)
+        at = rotation_matrix(*heading)
+        rel = wrapped(np.concatenate([at.T @ (self.own[:3] - place), self.own[3:] - heading]))
+        to_body = rotation_matrix(rel[PITCH], rel[YAW]).T
+        moving = np.concatenate([speed + _turning(turn, rel[:3]), turn])
+        lamps = [self._lamp(place, at @ speed), *self._last_seen()]
+        return wrapped(self._station - rel), moving, to_body, lamps
+
+    def search(
+        self, now_s: float, brightest: tuple[float, float] | None
+    ) -> tuple[Array, Array, Array, list[KeepOff]]:
+        """Return the same, towards the place from which the leader is seen most likely.
+
+        Towards light without a pose, whose `brightest` place is as of `Following.looked`, it turns.
+        """
+        if brightest is not None and now_s - self._glimpsed_s > TURNING_S:
+            to_port, up = brightest
+            error = np.array([0.0, 0.0, 0.0, -PITCH_RAD * up, TURN_RAD * to_port])
+            lamps = self._last_seen()
+            return error, np.zeros(5), rotation_matrix(*self.own[3:]).T, lamps
+        goal = self._place(now_s)
+        k, s = self._goal.hypothesis, self._search
+        moving: Array = np.zeros(3)
+        if k >= 0:
+            speed, turn = self._belief.motion(k)
+            at = rotation_matrix(*self._belief.headings[k])
+            moving = at @ (speed + _turning(turn, self._goal.trail * self._station[:3]))
+        seen = k if k >= 0 else self._belief.in_sight(goal)
+        place = self._belief.places[seen]
+        ahead = rotation_matrix(*self._belief.headings[seen]) @ self._belief.motion(seen)[0]
+        goal, passing = self._around(goal)
+        way = goal - self._start[:3]
+        length = float(np.linalg.norm(way))
+        if length > s.search_distance_m:
+            goal = self._start[:3] + s.search_distance_m / length * way
+            moving = np.zeros(3)
+        low, high = self._start[2] - s.search_depth_m, self._start[2] + s.search_depth_m
+        if not low <= goal[2] <= high:
+            goal[2], moving[2] = min(max(goal[2], low), high), 0.0
+        pitch, yaw = bow_to(place - self.own[:3])
+        most = math.radians(s.search_turn_deg)
+        turned = math.remainder(yaw - self._start[YAW], 2 * math.pi)
+        yaw = self._start[YAW] + min(max(turned, -most), most)
+        pitch = min(max(pitch, -0.3), 0.3)
+        error = wrapped(np.array([*goal, pitch, yaw]) - self.own)
+        speed5 = np.array([*(np.zeros(3) if passing else moving), 0.0, 0.0])
+        to_body = rotation_matrix(*self.own[3:]).T
+        lamps = [self._lamp(place, ahead), *self._last_seen()]
+        return error, speed5, to_body, lamps
+
+    def _place(self, now_s: float) -> Array:
+        """Return the place to look from, chosen anew once it was reached or takes too long."""
+        place: Array = self._stayed
+        for _ in range(2):
+            place = self._stayed
+            if self._goal.hypothesis >= 0:
+                place = self._belief.place_of(self._goal, self._station)
+            arrived = float(np.linalg.norm(place - self.own[:3])) < ARRIVED_M
+            if now_s < self._planned_s + (ARRIVED_S if arrived else MOST_S):
+                break
+            self._planned_s, self._stayed = now_s, self.own[:3].copy()
+            fastest = self._settings.max_surge_m_per_s
+            self._goal = self._belief.goal(self.own, self._station, fastest)
+        return place
+
+    def hold(self, rise_m_per_s: float) -> tuple[Array, Array, Array, list[KeepOff]]:
+        """Return the same, towards where the search ended, or upwards."""
+        goal = self.held.copy()
+        if rise_m_per_s:
+            goal[2] = self.own[2]
+        speed = np.array([0.0, 0.0, rise_m_per_s, 0.0, 0.0])
+        return wrapped(goal - self.own), speed, rotation_matrix(*self.own[3:]).T, []
+
+    def _around(self, goal: Array) -> tuple[Array, bool]:
+        """Return a goal that leads past the lamp that may have stopped, where it is in the way."""
+        if not (self._stopped and self._settings.min_distance_m):
+            return goal, False
+        least_m = self._settings.min_distance_m + self._margin_m + PASSING_M
+        to_goal = goal - self.own[:3]
+        length = float(np.linalg.norm(to_goal))
+        if length < PASSING_M:
+            return goal, False
+        way = to_goal / length
+        ahead_m = -float(way @ self.own[:3])
+        beside = self.own[:3] + ahead_m * way  # from the lamp to the nearest place of the way
+        if not 0 < ahead_m < length or float(np.linalg.norm(beside)) >= least_m:
+            return goal, False
+        # To the side on which the way leads past, level; to port where it leads through.
+        port = np.array([-way[1], way[0], 0.0]) / max(math.hypot(way[0], way[1]), 1e-6)
+        side = port * math.copysign(1.0, float(beside @ port) + 0.1)
+        to_side = least_m * side - self.own[:3]
+        off_m = float(np.linalg.norm(to_side))
+        if off_m < PASSING_M:
+            return goal, False
+        return self.own[:3] + length / off_m * to_side, True
+
+    def _last_seen(self) -> list[KeepOff]:
+        return [self._lamp(np.zeros(3), np.zeros(3))] if self._stopped else []
+
+    def _lamp(self, place: Array, velocity: Array) -> KeepOff:
+        off = self.own[:3] - place
+        range_m = float(np.linalg.norm(off))
+        away = off / range_m if range_m > 0 else np.array([-1.0, 0.0, 0.0])
+        to_body = rotation_matrix(*self.own[3:]).T
+        return KeepOff(range_m - self._margin_m, to_body @ away, -float(away @ velocity))
+
+
+def _turning(turn: Array, place: Array) -> Array:
+    """Return the velocity of a place that turns by a pitch and yaw rate, rad/s, ``(3,)``."""
+    return np.cross([0.0, *turn], place)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uuv_optical_array.control.following import Following, State
-from uuv_optical_array.control.leader_path import LeaderPath, leader_twist
+from uuv_optical_array.control.leader_path import LeaderPath, lead, leader_twist
 from uuv_optical_array.control.sea import STILL_SEA, Sea
 from uuv_optical_array.control.vehicles import Vehicle
 from uuv_optical_array.core.errors import NoPose
@@ -134,10 +134,7 @@ class ClosedLoop:
         if self.path_s is not None:
             for vehicle in (self.leader, *(swimmer.vehicle for swimmer in self.followers)):
                 vehicle.sea = self.sea
-            linear, angular = self.motion(self.path_s + dt / 2)
-            against = self.leader.rotation.T @ self.sea.current
-            self.leader.step(linear - against, angular, dt)
-            self.path_s += dt
+            self.path_s = lead(self.leader, self.path_s, dt, self.motion)
         for swimmer in self.followers:
             swimmer.vehicle.step(*swimmer.command, dt)
         self.t_s += dt

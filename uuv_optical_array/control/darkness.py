@@ -10,11 +10,13 @@ from typing import Annotated, Literal
 import numpy as np
 
 from uuv_optical_array.control.formation import (
+    Aim,
     FormationController,
     FormationSettings,
     KeepOff,
     LeaderTrack,
     bow_to,
+    polar,
 )
 from uuv_optical_array.control.leader_belief import Goal, LeaderBelief, SightSettings
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
@@ -113,13 +115,13 @@ class Darkness:
 
     def check(self, pose: Array, covariance: Array) -> None:
         """Raise Outlier for a lamp that is farther off than the leader's is likely to be by now."""
-        place, _ = self._belief.seen_at(self.own, pose)
-        off = place - self._belief.likeliest()[0]
+        off = self._off(pose)
+        off_m = float(np.linalg.norm(off))
         assert self._track is not None
         most_m = self._track.reach_m(covariance, off, self.age_s)
-        if np.linalg.norm(off) > most_m:
+        if off_m > most_m:
             raise Outlier(
-                f"outlier: a lamp {np.linalg.norm(off):.3g} m from where the leader is expected, "
+                f"outlier: a lamp {off_m:.3g} m from where the leader is expected, "
                 f"more than {most_m:.2g} m; another lamp, or the leader left its way"
             )
 
@@ -132,30 +134,30 @@ class Darkness:
 
     def found(self, pose: Array) -> str:
         """Say after how long a pose came, and how far its lamp is from where it was expected."""
+        after = f"after {self.age_s:.1f} s"
+        if not self._stopped:
+            return after
+        off_m = float(np.linalg.norm(self._off(pose)))
+        doubt = "; it may be another lamp" if off_m > OTHER_M else ""
+        return f"{after}, {off_m:.1f} m from where the leader was expected{doubt}"
+
+    def _off(self, pose: Array) -> Array:
+        """Return how far the lamp of a pose is from where the leader's is expected, m, ``(3,)``."""
         place, _ = self._belief.seen_at(self.own, pose)
-        off_m = float(np.linalg.norm(place - self._belief.likeliest()[0]))
-        where = f", {off_m:.1f} m from where the leader was expected" if self._stopped else ""
-        doubt = "; it may be another lamp" if self._stopped and off_m > OTHER_M else ""
-        return f"after {self.age_s:.1f} s{where}{doubt}"
+        return np.asarray(place - self._belief.likeliest()[0])
 
-    def coast(self) -> tuple[Array, Array, Array, list[KeepOff]]:
-        """Return what `FormationController.drive` takes, towards where the station would be."""
-        return self._towards(self._belief.newest)
-
-    def _towards(self, k: int) -> tuple[Array, Array, Array, list[KeepOff]]:
-        """Return what steers to the station behind a hypothesis of the leader."""
-        place, heading = self._belief.places[k], self._belief.headings[k]
-        speed, turn = self._belief.motion(k)
+    def coast(self) -> Aim:
+        """Return what steers to where the station would be, by the leader's last motion."""
+        place, heading = self._belief.likeliest()
+        speed, turn = self._belief.motion(self._belief.newest)
         at = rotation_matrix(*heading)
         rel = wrapped(np.concatenate([at.T @ (self.own[:3] - place), self.own[3:] - heading]))
         to_body = rotation_matrix(rel[PITCH], rel[YAW]).T
         moving = np.concatenate([speed + _turning(turn, rel[:3]), turn])
         lamps = [self._lamp(place, at @ speed), *self._last_seen()]
-        return wrapped(self._station - rel), moving, to_body, lamps
+        return Aim(wrapped(self._station - rel), moving, to_body, lamps)
 
-    def search(
-        self, now_s: float, brightest: tuple[float, float] | None
-    ) -> tuple[Array, Array, Array, list[KeepOff]]:
+    def search(self, now_s: float, brightest: tuple[float, float] | None) -> Aim:
         """Return the same, towards the place from which the leader is seen most likely.
 
         Towards light without a pose, whose `brightest` place is as of `Following.looked`, it turns.
@@ -163,8 +165,7 @@ class Darkness:
         if brightest is not None and now_s - self._glimpsed_s > TURNING_S:
             to_port, up = brightest
             error = np.array([0.0, 0.0, 0.0, -PITCH_RAD * up, TURN_RAD * to_port])
-            lamps = self._last_seen()
-            return error, np.zeros(5), rotation_matrix(*self.own[3:]).T, lamps
+            return Aim(error, np.zeros(5), self._to_body, self._last_seen())
         goal = self._place(now_s)
         k, s = self._goal.hypothesis, self._search
         moving: Array = np.zeros(3)
@@ -190,33 +191,39 @@ class Darkness:
         yaw = self._start[YAW] + min(max(turned, -most), most)
         pitch = min(max(pitch, -0.3), 0.3)
         error = wrapped(np.array([*goal, pitch, yaw]) - self.own)
-        speed5 = np.array([*(np.zeros(3) if passing else moving), 0.0, 0.0])
-        to_body = rotation_matrix(*self.own[3:]).T
+        if passing:
+            moving = np.zeros(3)
         lamps = [self._lamp(place, ahead), *self._last_seen()]
-        return error, speed5, to_body, lamps
+        return Aim(error, np.append(moving, [0.0, 0.0]), self._to_body, lamps)
 
     def _place(self, now_s: float) -> Array:
         """Return the place to look from, chosen anew once it was reached or takes too long."""
-        place: Array = self._stayed
-        for _ in range(2):
-            place = self._stayed
-            if self._goal.hypothesis >= 0:
-                place = self._belief.place_of(self._goal, self._station)
-            arrived = float(np.linalg.norm(place - self.own[:3])) < ARRIVED_M
-            if now_s < self._planned_s + (ARRIVED_S if arrived else MOST_S):
-                break
-            self._planned_s, self._stayed = now_s, self.own[:3].copy()
-            fastest = self._settings.max_surge_m_per_s
-            self._goal = self._belief.goal(self.own, self._station, fastest)
-        return place
+        place = self._chosen()
+        arrived = float(np.linalg.norm(place - self.own[:3])) < ARRIVED_M
+        if now_s < self._planned_s + (ARRIVED_S if arrived else MOST_S):
+            return place
+        self._planned_s, self._stayed = now_s, self.own[:3].copy()
+        fastest = self._settings.max_surge_m_per_s
+        self._goal = self._belief.goal(self.own, self._station, fastest)
+        return self._chosen()
 
-    def hold(self, rise_m_per_s: float) -> tuple[Array, Array, Array, list[KeepOff]]:
+    def _chosen(self) -> Array:
+        if self._goal.hypothesis < 0:
+            return self._stayed
+        return self._belief.place_of(self._goal, self._station)
+
+    def hold(self, rise_m_per_s: float) -> Aim:
         """Return the same, towards where the search ended, or upwards."""
         goal = self.held.copy()
         if rise_m_per_s:
             goal[2] = self.own[2]
         speed = np.array([0.0, 0.0, rise_m_per_s, 0.0, 0.0])
-        return wrapped(goal - self.own), speed, rotation_matrix(*self.own[3:]).T, []
+        return Aim(wrapped(goal - self.own), speed, self._to_body, [])
+
+    @property
+    def _to_body(self) -> Array:
+        """Rotation from the frame in the water to the follower's, ``(3, 3)``."""
+        return rotation_matrix(*self.own[3:]).T
 
     def _around(self, goal: Array) -> tuple[Array, bool]:
         """Return a goal that leads past the lamp that may have stopped, where it is in the way."""
@@ -245,11 +252,8 @@ class Darkness:
         return [self._lamp(np.zeros(3), np.zeros(3))] if self._stopped else []
 
     def _lamp(self, place: Array, velocity: Array) -> KeepOff:
-        off = self.own[:3] - place
-        range_m = float(np.linalg.norm(off))
-        away = off / range_m if range_m > 0 else np.array([-1.0, 0.0, 0.0])
-        to_body = rotation_matrix(*self.own[3:]).T
-        return KeepOff(range_m - self._margin_m, to_body @ away, -float(away @ velocity))
+        range_m, away = polar(self.own[:3] - place)
+        return KeepOff(range_m - self._margin_m, self._to_body @ away, -float(away @ velocity))
 
 
 def _turning(turn: Array, place: Array) -> Array:

@@ -65,7 +65,6 @@ class Following:
     def _begin(self) -> None:
         self.state = State("waiting", math.nan, "no pose has come yet")
         self._dark: Darkness | None = None
-        self._trusted = True  # whether poses steer without having to settle
         self._settling: list[float] = []  # stamps of the poses that agree
         self._image_s = -math.inf
         self._brightest: tuple[float, float] | None = None
@@ -192,7 +191,7 @@ class Following:
     def _images_come(self, now_s: float) -> bool:
         return abs(now_s - self._image_s) <= IMAGES_S
 
-    def _goes_on(self, now_s: float, dark: "Darkness") -> bool:
+    def _goes_on(self, now_s: float, dark: Darkness) -> bool:
         """Go on from coasting to searching, to its end; say whether the follower still steers."""
         name, s = self.state.name, self._search
         if name == "coasting" and dark.age_s > s.coast_s:
@@ -213,15 +212,14 @@ class Following:
                 return False
         return True
 
-    def _driven(self, now_s: float, dark: "Darkness") -> tuple[Array, Array]:
+    def _driven(self, now_s: float, dark: Darkness) -> tuple[Array, Array]:
         if self.state.name == "coasting":
-            error, speed, to_body, lamps = dark.coast()
+            aim = dark.coast()
         elif self.state.name == "searching":
-            error, speed, to_body, lamps = dark.search(now_s, self._brightest)
+            aim = dark.search(now_s, self._brightest)
         else:
-            rise = SURFACE_M_PER_S if self._search.when_lost == "surface" else 0.0
-            error, speed, to_body, lamps = dark.hold(rise)
-        return self._law.drive(now_s, error, speed, to_body, lamps)
+            aim = dark.hold(SURFACE_M_PER_S if self._search.when_lost == "surface" else 0.0)
+        return self._law.drive(now_s, aim)
 
     def _go_dark(self, now_s: float, track: LeaderTrack | None) -> None:
         self._settling.clear()

@@ -79,7 +79,9 @@ class FormationSettings:
     light_timeout_s: Annotated[
         float, Quantity("without a pose until the light is lost", "s", 0.1, 60)
     ] = 1.0
-    stop_time_s: Annotated[float, Quantity("from lost light to standstill", "s", 0.1, 60)] = 3.0
+    stop_time_s: Annotated[
+        float, Quantity("to come to rest in, which caps the approach", "s", 0.1, 60)
+    ] = 3.0
     bow_to_lamp: Annotated[
         bool, Quantity("point the bow at the lamp, in place of along the leader's")
     ] = False
@@ -90,6 +92,11 @@ class FormationSettings:
                 f"station_m: {list(self.station_m)} is not behind the lamp; "
                 "its x must be from -50 to -0.5 m"
             )
+
+    @property
+    def blind_s(self) -> float:
+        """Time for which a follower would go on at its speed, should the light go out, s."""
+        return self.light_timeout_s + self.stop_time_s / 2
 
 
 class LeaderTrack(NamedTuple):
@@ -107,10 +114,9 @@ class LeaderTrack(NamedTuple):
         - covariance: of the other pose; off: its place less the expected one, m, ``(3,)``.
         - elapsed_s: in which a turn may have ended, and the leader left its way, s.
         """
-        length = max(float(np.linalg.norm(off)), 1e-9)
-        both = self.covariance[:3, :3] + covariance[:3, :3]
+        _, way = polar(off)
         swept = float(np.linalg.norm(self.leader_rate[3:])) * float(np.linalg.norm(self.pose[:3]))
-        errs_m = RANGE_STDS * math.sqrt(off @ both @ off) / length
+        errs_m = _margin_m(self.covariance + covariance, way)
         return errs_m + STRAY_M + elapsed_s * (STRAY_M_PER_S + swept)
 
 
@@ -125,6 +131,21 @@ class KeepOff(NamedTuple):
     nearest_m: float
     away: Array
     drift: float = 0.0
+
+
+class Aim(NamedTuple):
+    """What to steer to.
+
+    - error: from the follower to the goal, m and rad, shape ``(5,)``.
+    - speed: of the goal, m/s and rad/s, shape ``(5,)``, in the axes of `error`.
+    - to_body: rotation from these axes to the follower's, shape ``(3, 3)``.
+    - lamps: to keep off; the last one counts most.
+    """
+
+    error: Array
+    speed: Array
+    to_body: Array
+    lamps: Sequence[KeepOff]
 
 
 class FormationController:
@@ -175,9 +196,9 @@ class FormationController:
         if before and 0 <= before.stamp_ns - stamp_ns <= self._timeout_ns:
             newest_s = before.stamp_ns * 1e-9
             raise ValueError(f"pose: stamp {stamp_s:.3f} s is not after {newest_s:.3f} s")
-        range_m, away = _polar(pose[:3])
+        range_m, away = polar(pose[:3])
         covariance = np.array(covariance, dtype=float)
-        margin_m = RANGE_STDS * math.sqrt(away @ covariance[:3, :3] @ away)
+        margin_m = _margin_m(covariance, away)
         leader_rate = rate - in_beacon(pose, self._own.twist(stamp_ns))
         new = self._newest = LeaderTrack(stamp_ns, pose, covariance, margin_m, leader_rate)
         if range_m > self._settings.min_distance_m:
@@ -240,20 +261,10 @@ class FormationController:
         now_ns = _nanoseconds("now_s", now_s)
         return self._own.displacement(stamp_ns, max(now_ns, stamp_ns))
 
-    def drive(
-        self, now_s: float, error: Array, speed: Array, to_body: Array, lamps: Sequence["KeepOff"]
-    ) -> tuple[Array, Array]:
-        """Return the twist to command at the present, s, towards any goal, within all limits.
-
-        - error: from the follower to the goal, m and rad, shape ``(5,)``.
-        - speed: of the goal, m/s and rad/s, shape ``(5,)``, in the axes of `error`.
-        - to_body: rotation from these axes to the follower's, shape ``(3, 3)``.
-        - lamps: to keep off, the last one first.
-        - returned: as of `command`.
-        """
+    def drive(self, now_s: float, aim: Aim) -> tuple[Array, Array]:
+        """Return the twist to command at the present, s, within all limits, as `command` does."""
         now_ns = _nanoseconds("now_s", now_s)
-        elapsed_s = self._elapsed_s(now_ns)
-        self._rate = self._driven(error, speed, to_body, lamps, elapsed_s)
+        self._rate = self._driven(aim, self._elapsed_s(now_ns))
         return self._commanding(now_ns)
 
     def _elapsed_s(self, now_ns: int) -> float:
@@ -271,11 +282,12 @@ class FormationController:
         """Return the rate to command in the light, a time after the last command, s."""
         pose = self._predicted(track, max(now_ns, track.stamp_ns))  # of a stamp yet to come: now
         to_body = rotation_matrix(pose[PITCH], pose[YAW]).T
-        range_m, away = _polar(to_body @ pose[:3])
+        range_m, away = polar(to_body @ pose[:3])
         nearest_m = min(range_m, float(np.linalg.norm(track.pose[:3]))) - track.margin_m
         drift = float(away @ (to_body @ track.leader_rate[:3]))
-        lamp = KeepOff(nearest_m, away, drift)
-        return self._driven(self._goal(pose) - pose, -track.leader_rate, to_body, [lamp], elapsed_s)
+        lamps = [KeepOff(nearest_m, away, drift)]
+        aim = Aim(self._goal(pose) - pose, -track.leader_rate, to_body, lamps)
+        return self._driven(aim, elapsed_s)
 
     def _predicted(self, track: LeaderTrack, now_ns: int) -> Array:
         """Return the pose at a later stamp, by the leader's motion and the commands since."""
@@ -291,15 +303,9 @@ class FormationController:
             return self._station
         return np.array([*self._station[:3], *bow_to(-pose[:3])])
 
-    def _driven(
-        self,
-        error: Array,
-        speed: Array,
-        to_body: Array,
-        lamps: Sequence["KeepOff"],
-        elapsed_s: float,
-    ) -> Array:
-        """Return the rate towards a goal, a time after the last command, s; as of `drive`."""
+    def _driven(self, aim: Aim, elapsed_s: float) -> Array:
+        """Return the rate towards a goal, a time after the last command, s."""
+        error, speed, to_body, lamps = aim
         wanted = self._gain * error + speed
         wanted[:3] = to_body @ wanted[:3]
         wanted = np.clip(wanted, -self._max_rate, self._max_rate)
@@ -323,9 +329,8 @@ class FormationController:
             return velocity
         spare_m = nearest_m - s.min_distance_m
         if spare_m > 0:
-            blind_s = s.light_timeout_s + s.stop_time_s / 2  # of the speed, once the light is lost
             braking = math.sqrt(2 * s.max_acceleration_m_per_s2 * spare_m)
-            allowed = min(spare_m / blind_s, braking)
+            allowed = min(spare_m / s.blind_s, braking)
         else:
             allowed = s.position_gain_per_s * spare_m
         allowed += min(drift, 0.0)  # a leader that comes nearer
@@ -347,7 +352,12 @@ def bow_to(way: Array) -> tuple[float, float]:
     return -math.atan2(way[2], math.hypot(way[0], way[1])), math.atan2(way[1], way[0])
 
 
-def _polar(place: Array) -> tuple[float, Array]:
+def _margin_m(covariance: Array, way: Array) -> float:
+    """Return by how much a place of a covariance may err along a unit vector, m."""
+    return RANGE_STDS * math.sqrt(way @ covariance[:3, :3] @ way)
+
+
+def polar(place: Array) -> tuple[float, Array]:
     """Return the range of a place, m, and the unit vector to it; astern where it is the origin."""
     range_m = float(np.linalg.norm(place))
     return range_m, place / range_m if range_m > 0 else np.array([-1.0, 0.0, 0.0])

@@ -122,12 +122,11 @@ class LeaderBelief:
         halted = np.full(len(DRIFTS), STOPPED / len(DRIFTS))
         prior = np.concatenate([(1 - STOPPED) / going.sum() * going, halted])
         still = np.zeros((len(DRIFTS), 2))
-        drifting = slice(len(going), len(prior))
         later = np.vstack([np.radians(np.stack([climb, yaw], axis=1)), still])
         rates = np.vstack([np.outer(persist, turn), still])
         speeds = np.vstack([np.tile(speed, (len(climb), 1)), DRIFTS])
         self = cls(settings, prior, np.zeros((len(prior), 5)), speeds, rates, later)
-        self._drifting = drifting
+        self._drifting = slice(len(going), len(prior))
         return self
 
     @classmethod
@@ -151,7 +150,7 @@ class LeaderBelief:
 
     def advance(self, step_s: float, own: Array) -> None:
         """Let time pass, s, in which the follower, at `own`, ``(5,)``, saw no light."""
-        seen = self._seen_from(own[None, :3], self.places, self.headings)[0]
+        seen = self._seen_from(own[:3], self.places, self.headings)
         to_lamp = self.places - own[:3]
         bow = rotation_matrix(own[PITCH], own[YAW])[:, 0]
         facing = to_lamp @ bow > math.cos(math.radians(ARRAY_DEG)) * np.linalg.norm(to_lamp, axis=1)
@@ -170,9 +169,8 @@ class LeaderBelief:
         self._rates = kept * self._rates + (1 - kept) * turns
         self.places, self.headings = self._after(step_s)
 
-    def _after(self, time_s: float | Array) -> tuple[Array, Array]:
-        """Return places and headings after a time, s, of each; rates change little meanwhile."""
-        time_s = np.broadcast_to(np.asarray(time_s, dtype=float), len(self.places))[:, None]
+    def _after(self, time_s: float) -> tuple[Array, Array]:
+        """Return places and headings after a time, s; rates change little meanwhile."""
         ahead_s = time_s / 2
         turned = self.headings + self._rates * ahead_s
         turned[:, 0] = np.clip(turned[:, 0], -MOST_PITCH, MOST_PITCH)
@@ -183,10 +181,10 @@ class LeaderBelief:
         return self.places + ways * time_s * arc, headings
 
     def _seen_from(self, at: Array, places: Array, headings: Array) -> NDArray[np.bool_]:
-        """Say from which places, ``(m, 3)``, which lamps are seen, ``(m, n)``."""
-        off = at[:, None] - places
-        range_m = np.linalg.norm(off, axis=-1)
-        behind = -np.einsum("mni,ni->mn", off, rotation_matrix(*headings.T)[:, :, 0])
+        """Say which lamps are seen from a place, ``(n,)``."""
+        off = at - places
+        range_m = np.linalg.norm(off, axis=1)
+        behind = -np.einsum("ni,ni->n", off, rotation_matrix(*headings.T)[:, :, 0])
         s = self._settings
         near = (range_m > NEAREST_M) & (range_m < s.sight_m)
         return near & (behind > math.cos(math.radians(s.sight_deg)) * range_m)
@@ -238,8 +236,8 @@ class LeaderBelief:
         worth = 0.0
         for later_s in (0.0, LOOKS_S):
             places, headings = self._after(arrival_s + later_s)
-            at = (place + later_s * velocity)[None]
-            worth += float(self.weights @ self._seen_from(at, places, headings)[0]) / 2
+            at = place + later_s * velocity
+            worth += float(self.weights @ self._seen_from(at, places, headings)) / 2
         return worth
 
     def place_of(self, goal: Goal, station: Array) -> Array:
@@ -249,7 +247,7 @@ class LeaderBelief:
 
     def in_sight(self, place: Array) -> int:
         """Return the likeliest leader of those that would be seen from a place, or of all."""
-        seen = self._seen_from(place[None], self.places, self.headings)[0]
+        seen = self._seen_from(place, self.places, self.headings)
         return int(np.argmax(self.weights * (seen if seen.any() else 1.0)))
 
     def motion(self, k: int) -> tuple[Array, Array]:

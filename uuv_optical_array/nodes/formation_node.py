@@ -216,7 +216,7 @@ def slow_station(s: FormationSettings) -> str:
         return ""
     # As the law caps the speed towards the lamp, lest the light go out.
     spare_m = math.hypot(*s.station_m) - s.min_distance_m
-    most = spare_m / (s.light_timeout_s + s.stop_time_s / 2)
+    most = spare_m / s.blind_s
     if most >= ENOUGH * s.max_surge_m_per_s:
         return ""
     return (

@@ -75,6 +75,9 @@ def test_no_light_is_five_zeros_and_full_light_sits_at_the_centre(side, peak):
     # An even side has no central detector: a whole detector is then half a step off.
     off = 0.5 if side % 2 == 0 and peak == "detector" else 0.0
     np.testing.assert_array_equal(full, [1.0, -off, -off, 0.0, 0.0])
+    prepare(side)  # compiled, where divisions may be by reciprocals
+    compiled = key_parameters(np.full((side, side), FULL_SCALE), FULL_SCALE, peak)
+    np.testing.assert_array_equal(compiled, full)
 
 
 @pytest.mark.parametrize(

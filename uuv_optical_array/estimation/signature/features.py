@@ -125,7 +125,10 @@ def settle_ties(
         width = width + choose(is_top, abs(column_off), 0.0)
         height = height + choose(is_top, abs(row_off), 0.0)
     places[i], wide[i], high[i] = place, width, height
-    centres[0, i], centres[1, i] = column_sum / tops, row_sum / tops
+    # From the middle on, so that what is symmetric about it ends there, however it is divided.
+    middle = 0.5 * (side - 1)
+    centres[0, i] = middle + (column_sum - middle * tops) / tops
+    centres[1, i] = middle + (row_sum - middle * tops) / tops
 
 
 def write_parameters(

@@ -218,6 +218,7 @@ class ForwardModel:
         roll: ArrayLike = 0.0,
         offsets: Mapping[str, Array] = MappingProxyType({}),
         time_s: ArrayLike | None = None,
+        on_array: bool = True,
     ) -> Array:
         """Light that arrives at the detectors, before any electronics.
 
@@ -232,6 +233,9 @@ class ForwardModel:
         time_s
             Time of each image, s, broadcast to ``(...)``, for flicker, drift and plume. ``None``:
             the scene without them, as estimators know it.
+        on_array
+            Whether it is behind daylight, blur and gains, or that of the lamp alone, for
+            `on_array`.
 
         Returns
         -------
@@ -244,24 +248,13 @@ class ForwardModel:
             For poses that are not five finite numbers each, or an offset of a setting that the
             scene does not have.
         """
-        image, shape = self._propagate(poses, roll, offsets, time_s, False)
-        return image[0].reshape(*shape, *self.image_shape)
-
-    def arriving(
-        self,
-        poses: ArrayLike,
-        roll: ArrayLike = 0.0,
-        offsets: Mapping[str, Array] = MappingProxyType({}),
-        time_s: ArrayLike | None = None,
-    ) -> Array:
-        """Light of the lamp as it comes to the array; arguments, result and errors of `light`."""
-        image, shape = self._propagate(poses, roll, offsets, time_s, False, False)
+        image, shape = self._propagate(poses, roll, offsets, time_s, False, on_array)
         return image[0].reshape(*shape, *self.image_shape)
 
     def on_array(
         self, arriving: Array, offsets: Mapping[str, Array] = MappingProxyType({})
     ) -> Array:
-        """Return `arriving` light behind daylight, blur and gains, counts, as `light` does."""
+        """Return the light of lamps behind daylight, blur and gains, counts, as `light` does."""
         shape = arriving.shape[: arriving.ndim - 2]
         image = arriving.reshape(1, -1, self.image_shape[0] * self.array.side).copy()
         nuisances = self._in_rows(offsets, shape)

@@ -91,7 +91,7 @@ def sight(
     count = model.scene.lamp_count
     of_leader = {POWER, *power_offsets([1.0], count)}
     common = {name: offset for name, offset in offsets.items() if name not in of_leader}
-    arriving = model.arriving(poses, rolls, common, time_s)
+    arriving = model.light(poses, rolls, common, time_s, on_array=False)
     powers = np.array([np.full(count, each.power) for each in vehicles])
     powers[0] *= np.exp(_logarithms(offsets, count))
     arriving *= np.repeat(powers, model.array.side, axis=1)[..., None]

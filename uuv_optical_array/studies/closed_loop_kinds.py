@@ -90,33 +90,19 @@ def _darkness() -> list[Kind]:
     return kinds
 
 
-def _turns() -> list[Kind]:
-    """Return leaders that turn by a right angle."""
+def _turns(name: str, rates: Sequence[int], does: str, **settings: Any) -> list[Kind]:
+    """Return turns of a leader by a right angle, at rates, deg/s."""
     kinds = []
-    for rate in TURNS_DEG_PER_S:
+    for rate in rates:
         motion, until_s = turning(SINCE_S, rate)
-        what = f"The leader turns through 90 deg at {rate} deg/s."
-        kinds.append(
-            Kind(f"turn_{rate}", "leader", what, until_s + AFTER_S, until_s=until_s, motion=motion)
-        )
-    return kinds
-
-
-def _chains() -> list[Kind]:
-    """Return turns of a leader ahead of a chain."""
-    kinds = []
-    for rate in CHAIN_DEG_PER_S:
-        motion, until_s = turning(SINCE_S, rate)
-        what = f"Three followers, the third behind the first; a turn of 90 deg at {rate} deg/s."
         kinds.append(
             Kind(
-                name=f"chain_{rate}",
-                what=what,
+                name=f"{name}_{rate}",
+                what=f"{does} at {rate} deg/s.",
                 duration_s=until_s + AFTER_S,
                 until_s=until_s,
                 motion=motion,
-                fleet=tuple(vee(3)),
-                **FLEET,
+                **settings,
             )
         )
     return kinds
@@ -210,7 +196,7 @@ KINDS: tuple[Kind, ...] = (
          "The leader turns by 30 to 60 deg while the lamp is off for 10 s, so that it returns dim.",
          SINCE_S + 10 + HOME_S, until_s=SINCE_S + 10, dark_s=(SINCE_S, SINCE_S + 10),
          drawn=dim_turned),
-    *_turns(),
+    *_turns("turn", TURNS_DEG_PER_S, "The leader turns through 90 deg", group="leader"),
     Kind("stop", "leader", "The leader stops dead.", LONG_S, until_s=SINCE_S,
          motion=Course(((0, 0), (SPEED / RAMP_M_PER_S2, SPEED), (SINCE_S, SPEED), (SINCE_S, 0)))),
     Kind("dash", "leader", "The leader goes at 1.2 m/s for 15 s.", SINCE_S + 15 + AFTER_S,
@@ -258,7 +244,9 @@ KINDS: tuple[Kind, ...] = (
     Kind(name="formation_dark_3", what="The third of three sees nothing for 10 s.",
          duration_s=SINCE_S + 10 + HOME_S, until_s=SINCE_S + 10, dark_s=(SINCE_S, SINCE_S + 10),
          blind=(3,), fleet=tuple(vee(3)), **FLEET),
-    *_chains(),
+    *_turns("chain", CHAIN_DEG_PER_S,
+            "Three followers, the third behind the first; a turn of 90 deg",
+            fleet=tuple(vee(3)), **FLEET),
 )
 # fmt: on
 

@@ -19,7 +19,7 @@ from uuv_optical_array.control.closed_loop import (
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.following import Following
 from uuv_optical_array.control.formation import FormationSettings
-from uuv_optical_array.control.leader_path import LeaderPath, leader_twist
+from uuv_optical_array.control.leader_path import PATHS, LeaderPath, leader_twist
 from uuv_optical_array.control.sea import Sea
 from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits
 from uuv_optical_array.core.geometry import Array, wrapped
@@ -140,9 +140,7 @@ def run_kind(
     if kind.drawn is not None:
         kind = kind.drawn(kind, rng)
     loop = loop_of(kind, seed, vehicle, estimator, rng, follow)
-    steps = [loop.step(STEP_S)]
-    for _ in range(round(kind.duration_s / STEP_S) - 1):
-        steps.append(loop.step(STEP_S))
+    steps = [loop.step(STEP_S) for _ in range(round(kind.duration_s / STEP_S))]
     ways = zip(*steps, strict=True)
     return [_recorded(kind, one, list(way)) for one, way in zip(kind.fleet, ways, strict=True)]
 
@@ -180,12 +178,8 @@ def loop_of(
                 imu,
             )
         )
-    motion = _still if kind.stays else kind.motion
+    motion = PATHS["stand"] if kind.stays else kind.motion
     return ClosedLoop(leader, swimmers, rng, motion, Sea(kind.current_m_per_s))
-
-
-def _still(t_s: float) -> tuple[Array, Array]:
-    return np.zeros(3), np.zeros(3)
 
 
 def _no_imu(roll: float, t_s: float) -> float:

@@ -17,6 +17,7 @@ from uuv_optical_array.control.trajectory import TooEarly, Trajectory
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.messages import Refused, as_wired, odometry_pose, stamp_ns
 from uuv_optical_array.core.settings import Place, Quantity
+from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.others import Other, sight
 from uuv_optical_array.forward.prior import LAMP_POWER, power_offsets
@@ -73,7 +74,7 @@ class SimulatorNode(Node):
             )
         self.model = ForwardModel(scene)
         self.on_change({"lamp_power": self.parameters["lamp_power"]})
-        self.ranged_ns = -(2**62)  # stamp of the last range
+        self.ranged_ns = LONG_AGO_NS  # stamp of the last range
         seed = self.parameters["seed"]
         self.rng = np.random.default_rng(None if seed < 0 else seed)
         self.leader = Trajectory(self.parameters["max_gap_s"])

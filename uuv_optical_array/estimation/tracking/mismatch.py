@@ -118,13 +118,15 @@ class LastingResiduals:
 
     def repeats(self, stamp_ns: int) -> int:
         """Return how often a mismatch was found in the last window, at least once."""
-        return max(sum(0 <= stamp_ns - each < WINDOW_S * 1e9 for each in self._anew_ns), 1)
+        return max(len(self._of_late(stamp_ns)), 1)
+
+    def _of_late(self, stamp_ns: int) -> list[int]:
+        return [each for each in self._anew_ns if 0 <= stamp_ns - each < WINDOW_S * 1e9]
 
     def begin_anew(self, stamp_ns: int, mismatch: str) -> None:
         """Forget all frames; a mismatch is said until those of a whole window show none."""
         self.said, self.found = mismatch, False
-        of_late = [each for each in self._anew_ns if 0 <= stamp_ns - each < WINDOW_S * 1e9]
-        self._anew_ns = [*of_late, stamp_ns]
+        self._anew_ns = [*self._of_late(stamp_ns), stamp_ns]
         if self._tests:
             self.mismatch = mismatch
             self._begin(LONG_AGO_NS)

@@ -71,8 +71,8 @@ CAUSES = {
     "zero stamp": "A message has no stamp.",
     "dark lamp": "One of several lamps shows nothing, though by the pose it should.",
     "faulty detector": "One is dead, stuck, dirty or in a glint. The pose is that of the others.",
-    "coasting": "The light went; the follower goes on as its leader did.",
-    "searching": "No light for `coast_s`, none since the start, or `~/search` was called.",
+    "coasting": "No pose steers; the follower goes on as its leader did, by what light there is.",
+    "searching": "Its light was not seen for `coast_s` or since the start, or `~/search` was called.",
     "lost": "The search ended without light, or no image came in it.",
     "slow station": (
         "A follower so near the minimum distance is slowed, so that it stops in time when the light"

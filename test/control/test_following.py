@@ -8,6 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from scipy.special import chdtri
 
 from uuv_optical_array.control.darkness import SearchSettings
 from uuv_optical_array.control.following import (
@@ -16,12 +17,8 @@ from uuv_optical_array.control.following import (
     SURFACE_M_PER_S,
     Following,
 )
-from uuv_optical_array.control.formation import (
-    RANGE_STDS,
-    STRAY_M,
-    STRAY_M_PER_S,
-    FormationSettings,
-)
+from uuv_optical_array.control.formation import RANGE_STDS, FormationSettings
+from uuv_optical_array.control.leader_motion import CHANCE, CHANGE, RATE_STD
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.tracking.track import Outlier
 
@@ -193,14 +190,20 @@ def test_when_lost_it_disengages_where_it_is_told_to():
     assert pursuit.commanded is None
 
 
-@pytest.mark.parametrize("name", ["coasting", "searching", "lost"])
+def test_light_where_the_leader_is_sure_to_be_steers_at_once():
+    pursuit, _ = dark()
+    pursuit.until("coasting").run(1.0)
+    pursuit.light, first_s = True, pursuit.now
+    pursuit.until("locked")
+    assert pursuit.following.state.since_s == pytest.approx(first_s, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["searching", "lost"])
 def test_light_that_came_back_steers_once_it_has_settled(name):
     pursuit, _ = dark()
     pursuit.until(name)
-    if name == "coasting":
-        pursuit.run(1.0)
     pursuit.speed = np.zeros(3)  # where the follower sees it, not where it was expected
-    pursuit.leader = pursuit.own - OPEN.station_m if name != "coasting" else pursuit.leader
+    pursuit.leader = pursuit.own - OPEN.station_m
     pursuit.heading = float(pursuit.attitude[1])
     pursuit.light, first_s = True, pursuit.now
     pursuit.until("locked")
@@ -230,20 +233,27 @@ def test_strays_of_which_no_two_agree_never_steer():
     assert pursuit.states == ["waiting", "locked", "coasting", "searching", "lost"]
 
 
-@pytest.mark.parametrize(("beyond", "taken"), [(-0.1, True), (0.1, False)])
-def test_a_lamp_where_the_leader_cannot_be_is_another_one(beyond, taken):
+@pytest.mark.parametrize(("share", "taken"), [(0.97, True), (1.03, False)])
+def test_a_lamp_where_the_leader_cannot_be_by_now_is_another_one(share, taken):
+    """Aside of a leader that goes straight on: by its turns, its drift, and the pose itself."""
     pursuit, last_s = dark()
     pursuit.run(3.0)
     assert pursuit.state == "coasting"
-    reach = RANGE_STDS * math.sqrt(2) * STD_M + STRAY_M
-    reach += (pursuit.now - last_s) * STRAY_M_PER_S
-    pursuit.light, pursuit.aside = True, np.array([0.0, reach + beyond, 0.0])
+    since = pursuit.now - last_s
+    # Of the heading as the light went and of the pose now, at so many metres behind the lamp.
+    of_pose = STD_M**2 * (1 + np.sum(np.square(OPEN.station_m)))
+    spread = 2 * of_pose + RATE_STD[1] ** 2 * since**2 + CHANGE[1] ** 2 * since**3 / 3
+    # The heading tells of the place, too, as both hang together; it is as expected.
+    of_heading = np.array([2 * STD_M**2 * OPEN.station_m[0]])
+    turned = 2 * STD_M**2 + RATE_STD[4] ** 2 * since**2 + CHANGE[4] ** 2 * since**3 / 3
+    spread -= of_heading[0] ** 2 / turned
+    aside = share * math.sqrt(chdtri(5, CHANCE) * spread)
+    pursuit.light, pursuit.aside = True, np.array([0.0, aside, 0.0])
     pursuit.step()
     assert taken == (pursuit.refused is None)
     if not taken:
         assert isinstance(pursuit.refused, Outlier)
         assert "another lamp" in str(pursuit.refused)
-        assert pursuit.run(0.8).state == "coasting"
 
 
 @given(

@@ -16,6 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 from uuv_optical_array.control.darkness import SearchSettings
 from uuv_optical_array.control.following import Following
 from uuv_optical_array.control.formation import FormationSettings
+from uuv_optical_array.control.leader_motion import Glow
 from uuv_optical_array.core.geometry import body_twist, covariance_5x5
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.formation_node import FormationNode, slow_station
@@ -68,12 +69,12 @@ class Helm:
         """Begin with a law of the test's own."""
         self.law = Following(FormationSettings(station_m=tuple(STATION[:3])), self.search)
 
-    def look(self, parameters=None, brightest=None):
+    def look(self, parameters=None, glow=None):
         """Tell node and law of an image of this instant, which shows no light unless it is told."""
         stamp = time_of(self.now)
         self.clouds.publish(features_to_message(parameters, Header(stamp=stamp)))
         self.lab.until(lambda: stamp in self.looks, "the image")
-        self.law.looked(self.now * 1e-9, brightest)
+        self.law.looked(self.now * 1e-9, glow)
 
     def told(self, name):
         """Wait until a state is told, and return how it is told at first."""
@@ -359,8 +360,11 @@ def test_a_search_turns_to_light_that_has_no_pose(lab, scene, half):
     helm = Helm(lab, SearchSettings(settle_s=0.0, coast_s=0.0), scene=scene)
     helm.see(STATION)
     helm.command()
+    while helm.law.state.name != "searching":
+        helm.look()
+        helm.check_command()
     for _ in range(30):  # of key parameters: 1.5 detectors to starboard, one down
-        helm.look(np.array([0.01, 1.5, 1.0, 0.3, 0.2]), (-1.5 / half, -1.0 / half))
+        helm.look(np.array([0.01, 1.5, 1.0, 0.3, 0.2]), Glow(-1.5 / half, -1.0 / half, 0.01))
         found = helm.check_command()
     assert helm.law.state.name == "searching"
     _, _, _, _, pitch_rate, yaw_rate = found

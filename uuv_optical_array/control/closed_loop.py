@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uuv_optical_array.control.following import Following, State
+from uuv_optical_array.control.leader_motion import Glow
 from uuv_optical_array.control.leader_path import LeaderPath, lead, leader_twist
 from uuv_optical_array.control.sea import STILL_SEA, Sea
 from uuv_optical_array.control.vehicles import Vehicle
@@ -157,7 +158,7 @@ class ClosedLoop:
         if told is not None:
             swimmer.roll = told
         answer = swimmer.pipeline.answer(stamp_ns, image, swimmer.roll)
-        swimmer.following.looked(self.t_s, brightest(image, swimmer.pipeline.least_counts))
+        swimmer.following.looked(self.t_s, glow(image, swimmer.pipeline.least_counts))
         track = answer.track
         if track is not None:
             try:
@@ -201,13 +202,15 @@ class ClosedLoop:
         return self.followers[swimmer.ahead - 1].vehicle if swimmer.ahead else self.leader
 
 
-def brightest(image: Array, least_counts: float) -> tuple[float, float] | None:
-    """Return where an image, ``(side, side)``, is brightest, as `Following.looked` takes it."""
+def glow(image: Array, least_counts: float) -> Glow | None:
+    """Return where an image, ``(side, side)``, is brightest; ``None`` where it is dark."""
     if image.max() < least_counts:
         return None
     row, column = np.unravel_index(int(image.argmax()), image.shape)
     half = max((image.shape[1] - 1) / 2, 0.5)
-    return 1 - float(column) / half, 1 - float(row % image.shape[1]) / half
+    return Glow(
+        1 - float(column) / half, 1 - float(row % image.shape[1]) / half, float(image.max())
+    )
 
 
 def clouded(scene: Scene, depth: float, seed: int | None = None) -> ForwardModel:

@@ -4,6 +4,7 @@ All of it is in a frame that stays in the water: that of the lamp, as the light 
 """
 
 import math
+from copy import copy
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -19,6 +20,7 @@ from uuv_optical_array.control.formation import (
     polar,
 )
 from uuv_optical_array.control.leader_belief import Goal, LeaderBelief, SightSettings
+from uuv_optical_array.control.leader_motion import Glow, LeaderMotion, turning
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.tracking.motion import in_beacon
@@ -31,7 +33,7 @@ MOST_S, ARRIVED_S, ARRIVED_M = 25.0, 2.0, 1.0
 PASSING_M = 0.5  # beyond the minimum distance, at which a lamp that may have stopped is passed
 # By how much it turns to light at the array's edge, rad; so long after the last pose of it, s.
 TURN_RAD, PITCH_RAD, TURNING_S = 0.8, 0.2, 1.0
-MOST_SPEED, MOST_TURN = 2.0, 0.6  # of a leader, m/s and rad/s: beyond them is noise
+SURE_M = 1.0  # standard deviation of where the leader is, below which its pose steers at once
 OTHER_M = 1.0  # from where the leader is expected, where a lamp may be another one
 
 
@@ -66,10 +68,13 @@ class SearchSettings(SightSettings):
 
 
 class Darkness:
-    """The time without light, in a frame that stays in the water: the lamp's, as the light went.
+    """The time without a pose to steer by, in a frame that stays in the water.
+
+    It is the lamp's, as the light went.
 
     - own: where the follower is by its own motion, ``(5,)``.
-    - age_s: time without light, s; search_from_s: of it, when a search was told to begin.
+    - age_s: time without a pose to steer by, s; search_from_s: of it, from when on a search counts.
+    - motion: how the leader goes on; ``None``: it was never seen.
     - held: where it was when it gave up.
     """
 
@@ -80,30 +85,39 @@ class Darkness:
         now_s: float,
         track: LeaderTrack | None,
         law: FormationController,
+        lit: tuple[float, float] | None = None,
     ) -> None:
-        self._settings, self._search = settings, search
+        """Begin with the pose that steered last.
+
+        - lit: its range, m, and the peak of its image, as of `Glow`.
+        """
+        self._settings, self._search, self._lit = settings, search, lit
         self._station = np.array([*settings.station_m, 0.0, 0.0])
         self._now_s, self._planned_s, self._goal = now_s, -math.inf, Goal(-1, 0.0)
         self._glimpsed_s = -math.inf
+        self._glow: Glow | None = None  # of the newest image
         self.age_s, self.search_from_s, self._margin_m = 0.0, 0.0, 0.0
-        self._stopped = track is not None  # whether a leader may be where the lamp was seen
-        self._track = track
+        self.motion: LeaderMotion | None = None
+        self._belief = LeaderBelief.at_start(search)
         if track is None:
             self.own = self._station.copy()
-            self._belief = LeaderBelief.at_start(search)
         else:
             stamp_s = track.stamp_ns * 1e-9
             way = law.moved_since(track.stamp_ns, now_s)
             self.own = wrapped(track.pose + in_beacon(track.pose, way))
-            turn = np.clip(-track.leader_rate[3:], -MOST_TURN, MOST_TURN)
-            speed = -track.leader_rate[:3] - _turning(turn, track.pose[:3])
-            speed = np.clip(speed, -MOST_SPEED, MOST_SPEED)
-            self._belief = LeaderBelief.of_motion(search, speed, turn)
             self._margin_m = track.margin_m
             self.age_s = max(now_s - stamp_s, 0.0)  # a clock may be set back
-            self._belief.pass_time(self.age_s)
-        self._start, self.held = self.own.copy(), self.own.copy()
-        self._stayed = self.own[:3].copy()
+            self.motion = LeaderMotion(track.pose, track.covariance, track.leader_rate)
+        # The leader, and where the follower was, as something of its light was seen last.
+        self._last, self._start = copy(self.motion), self.own.copy()
+        if self.motion is not None:
+            self.motion.pass_time(self.age_s)
+        self.held, self._stayed = self.own.copy(), self.own[:3].copy()
+
+    @property
+    def unseen_s(self) -> float:
+        """Time since something of the leader's light was seen, s."""
+        return self.age_s if self.motion is None else self.motion.unseen_s
 
     def advance(self, now_s: float, twist: Array) -> None:
         """Move on to the present, s, by the follower's own motion, ``(5,)``."""
@@ -111,22 +125,43 @@ class Darkness:
         self._now_s = now_s
         self.own = wrapped(self.own + step_s * in_beacon(self.own, twist))
         self.age_s += step_s
+        if self.motion is not None:
+            self.motion.pass_time(step_s)
         self._belief.advance(step_s, self.own)
 
-    def check(self, pose: Array, covariance: Array) -> None:
-        """Raise Outlier for a lamp that is farther off than the leader's is likely to be by now."""
-        off = self._off(pose)
-        off_m = float(np.linalg.norm(off))
-        assert self._track is not None
-        most_m = self._track.reach_m(covariance, off, self.age_s)
-        if off_m > most_m:
+    def look(self, glow: Glow | None, coasting: bool) -> None:
+        """Take where an image is brightest; one that coasts takes that for its leader."""
+        self._glow = glow
+        if coasting and glow is not None and self.motion is not None:
+            self.motion.face(self.own, glow)
+            self._note_seen()
+
+    def expected(self, pose: Array, covariance: Array) -> bool:
+        """Say whether a pose is where the leader surely is; Outlier where it cannot be by now."""
+        assert self.motion is not None
+        if not self.motion.expects(self.own, pose, covariance):
             raise Outlier(
-                f"outlier: a lamp {off_m:.3g} m from where the leader is expected, "
-                f"more than {most_m:.2g} m; another lamp, or the leader left its way"
+                f"outlier: a lamp {self.motion.off_m(self.own, pose):.3g} m from where the leader "
+                "is expected; another lamp, or the leader left its way"
             )
+        sure = self.motion.place_std_m < SURE_M
+        self.motion.see(self.own, pose, covariance)
+        self._note_seen()
+        return sure
+
+    def _note_seen(self) -> None:
+        if self.unseen_s == 0:
+            self._last, self._start = copy(self.motion), self.own.copy()
+
+    def begin_search(self, from_s: float) -> None:
+        """Search, by a time from `age_s` 0 on, s: the leader may have gone anywhere since."""
+        self.search_from_s = from_s
+        if self._last is not None:
+            self._belief = LeaderBelief.of_motion(self._search, self._last)
+            self._belief.pass_time(self.unseen_s)
 
     def glimpse(self, pose: Array, covariance: Array) -> None:
-        """Let a pose that is not trusted yet guide the search."""
+        """Let a pose that does not steer yet guide the search."""
         goal = self._belief.glimpse(self.own, pose, covariance)
         self._glimpsed_s = self._now_s
         if goal is not None:
@@ -135,36 +170,33 @@ class Darkness:
     def found(self, pose: Array) -> str:
         """Say after how long a pose came, and how far its lamp is from where it was expected."""
         after = f"after {self.age_s:.1f} s"
-        if not self._stopped:
+        if self.motion is None:
             return after
-        off_m = float(np.linalg.norm(self._off(pose)))
-        doubt = "; it may be another lamp" if off_m > OTHER_M else ""
-        return f"{after}, {off_m:.1f} m from where the leader was expected{doubt}"
-
-    def _off(self, pose: Array) -> Array:
-        """Return how far the lamp of a pose is from where the leader's is expected, m, ``(3,)``."""
-        place, _ = self._belief.seen_at(self.own, pose)
-        return np.asarray(place - self._belief.likeliest()[0])
+        off_m = self.motion.off_m(self.own, pose)
+        doubt = off_m > OTHER_M + self.motion.place_std_m
+        other = "; it may be another lamp" * doubt
+        return f"{after}, {off_m:.1f} m from where the leader was expected{other}"
 
     def coast(self) -> Aim:
         """Return what steers to where the station would be, by the leader's last motion."""
-        place, heading = self._belief.likeliest()
-        speed, turn = self._belief.motion(self._belief.newest)
-        at = rotation_matrix(*heading)
-        rel = wrapped(np.concatenate([at.T @ (self.own[:3] - place), self.own[3:] - heading]))
+        leader = self.motion
+        assert leader is not None
+        at = leader.rotation
+        rel = np.concatenate([at.T @ (self.own[:3] - leader.place), self.own[3:] - leader.heading])
+        rel = wrapped(rel)
         to_body = rotation_matrix(rel[PITCH], rel[YAW]).T
-        moving = np.concatenate([speed + _turning(turn, rel[:3]), turn])
-        lamps = [self._lamp(place, at @ speed), *self._last_seen()]
+        moving = np.concatenate([leader.speed + turning(leader.turn, rel[:3]), leader.turn])
+        lamps = [self._lamp(leader.place, at @ leader.speed), *self._last_seen()]
         return Aim(wrapped(self._station - rel), moving, to_body, lamps)
 
-    def search(self, now_s: float, brightest: tuple[float, float] | None) -> Aim:
+    def search(self, now_s: float) -> Aim:
         """Return the same, towards the place from which the leader is seen most likely.
 
-        Towards light without a pose, whose `brightest` place is as of `Following.looked`, it turns.
+        Towards light without a pose it turns.
         """
-        if brightest is not None and now_s - self._glimpsed_s > TURNING_S:
-            to_port, up = brightest
-            error = np.array([0.0, 0.0, 0.0, -PITCH_RAD * up, TURN_RAD * to_port])
+        glow = self._glow
+        if glow is not None and now_s - self._glimpsed_s > TURNING_S:
+            error = np.array([0.0, 0.0, 0.0, -PITCH_RAD * glow.up, TURN_RAD * glow.to_port])
             return Aim(error, np.zeros(5), self._to_body, self._last_seen())
         goal = self._place(now_s)
         k, s = self._goal.hypothesis, self._search
@@ -172,7 +204,7 @@ class Darkness:
         if k >= 0:
             speed, turn = self._belief.motion(k)
             at = rotation_matrix(*self._belief.headings[k])
-            moving = at @ (speed + _turning(turn, self._goal.trail * self._station[:3]))
+            moving = at @ (speed + turning(turn, self._goal.trail * self._station[:3]))
         seen = k if k >= 0 else self._belief.in_sight(goal)
         place = self._belief.places[seen]
         ahead = rotation_matrix(*self._belief.headings[seen]) @ self._belief.motion(seen)[0]
@@ -227,7 +259,7 @@ class Darkness:
 
     def _around(self, goal: Array) -> tuple[Array, bool]:
         """Return a goal that leads past the lamp that may have stopped, where it is in the way."""
-        if not (self._stopped and self._settings.min_distance_m):
+        if self._last is None or self._settings.min_distance_m == 0:
             return goal, False
         least_m = self._settings.min_distance_m + self._margin_m + PASSING_M
         to_goal = goal - self.own[:3]
@@ -235,27 +267,30 @@ class Darkness:
         if length < PASSING_M:
             return goal, False
         way = to_goal / length
-        ahead_m = -float(way @ self.own[:3])
-        beside = self.own[:3] + ahead_m * way  # from the lamp to the nearest place of the way
+        from_lamp = self.own[:3] - self._last.place
+        ahead_m = -float(way @ from_lamp)
+        beside = from_lamp + ahead_m * way  # from the lamp to the nearest place of the way
         if not 0 < ahead_m < length or float(np.linalg.norm(beside)) >= least_m:
             return goal, False
         # To the side on which the way leads past, level; to port where it leads through.
         port = np.array([-way[1], way[0], 0.0]) / max(math.hypot(way[0], way[1]), 1e-6)
         side = port * math.copysign(1.0, float(beside @ port) + 0.1)
-        to_side = least_m * side - self.own[:3]
+        to_side = least_m * side - from_lamp
         off_m = float(np.linalg.norm(to_side))
         if off_m < PASSING_M:
             return goal, False
         return self.own[:3] + length / off_m * to_side, True
 
     def _last_seen(self) -> list[KeepOff]:
-        return [self._lamp(np.zeros(3), np.zeros(3))] if self._stopped else []
+        """Return the lamp where it was seen last, as the leader may have stopped there since."""
+        if self._last is None:
+            return []
+        lamp = self._lamp(self._last.place, np.zeros(3))
+        if self._glow is not None and self._lit is not None:
+            # Where it is seen it is no nearer than so bright a lamp may be.
+            lamp = lamp._replace(nearest_m=max(lamp.nearest_m, self._glow.nearest_m(*self._lit)))
+        return [lamp]
 
     def _lamp(self, place: Array, velocity: Array) -> KeepOff:
         range_m, away = polar(self.own[:3] - place)
         return KeepOff(range_m - self._margin_m, self._to_body @ away, -float(away @ velocity))
-
-
-def _turning(turn: Array, place: Array) -> Array:
-    """Return the velocity of a place that turns by a pitch and yaw rate, rad/s, ``(3,)``."""
-    return np.cross([0.0, *turn], place)

@@ -2,8 +2,9 @@
 
 - ``waiting``: no pose has steered yet.
 - ``locked``: the leader's light steers, by the law of `formation`.
-- ``coasting``: the light is gone. The follower goes on as the leader was moving, for as long as its
-  turns are not likely to lead out of sight of the way that it had.
+- ``coasting``: there is no pose to steer by. The follower goes on as the leader was moving, led by
+  what is seen of its light (`leader_motion`), and without for as long as its turns are not likely
+  to lead out of sight of the way that it had.
 - ``searching``: it goes to where most of the leaders that may be by now would be seen from
   (`leader_belief`), with the bow to them, within limits of time, distance, depth and turn.
 - ``lost``: the search has ended without light. The follower holds where it is, or does what the
@@ -15,8 +16,8 @@ minimum distance to where the lamp was last seen, as the leader may have stopped
 it is going.
 
 Light that comes back is not believed at once: a track that begins while the vehicles move, of few
-and dim images, may be false. Poses have to agree for ``settle_s`` and know their range before they
-steer; until then each is a glimpse that guides the search.
+and dim images, may be false. Where the leader is not sure to be there, poses have to agree for
+``settle_s`` and know their range before they steer; until then each guides the search.
 """
 
 import math
@@ -27,6 +28,7 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array.control.darkness import Darkness, SearchSettings
 from uuv_optical_array.control.formation import FormationController, FormationSettings, LeaderTrack
+from uuv_optical_array.control.leader_motion import Glow
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 
@@ -67,7 +69,8 @@ class Following:
         self._dark: Darkness | None = None
         self._settling: list[float] = []  # stamps of the poses that agree
         self._image_s = -math.inf
-        self._brightest: tuple[float, float] | None = None
+        self._glow: Glow | None = None  # of the newest image
+        self._lit: tuple[float, float] | None = None  # range and peak of the last that steered
         self._began_s = math.nan  # when the first image came
         self._twist: Array = np.zeros(5)  # commanded last
         self._measured: tuple[float, Array] | None = None
@@ -86,14 +89,14 @@ class Following:
         if not wanted:
             self.state = State("disengaged", now_s, "the follower is left to others")
 
-    def looked(self, stamp_s: float, brightest: tuple[float, float] | None = None) -> None:
-        """Note that an image was taken, s, whether it shows light or not.
+    def looked(self, stamp_s: float, glow: Glow | None = None) -> None:
+        """Note that an image was taken, s, and where it is brightest; ``None``: it shows no light.
 
-        A search goes on only while images come, as it would be blind without. Where the light has
-        no pose, it turns to its brightest place: to port and up of the array's middle, as shares
-        of its half width, from -1 to 1; ``None``: there is no light.
+        A search goes on only while images come, as it would be blind without. Where there is no
+        pose to steer by, light says where the leader is while it is taken to go on, and where to
+        turn in a search.
         """
-        self._image_s, self._brightest = stamp_s, brightest
+        self._image_s, self._glow = stamp_s, glow
         if math.isnan(self._began_s):
             self._began_s = stamp_s
 
@@ -110,7 +113,7 @@ class Following:
         if self._dark is None:
             self._go_dark(now_s, self._law.seen(now_s))
         assert self._dark is not None
-        self._dark.search_from_s = self._dark.age_s
+        self._dark.begin_search(self._dark.age_s)
         self._to("searching", now_s, "it was told to")
 
     def update(
@@ -127,12 +130,13 @@ class Following:
         dark = self._dark
         if dark is None:
             self._law.update(stamp_s, pose, covariance, rate)
+            self._note_lit(pose)
             if self.state.name == "waiting" and self._settled(stamp_s):
                 self._to("locked", stamp_s, "the leader's light steers")
             return
         pose, covariance = np.array(pose, dtype=float), np.array(covariance, dtype=float)
-        if self.state.name == "coasting":
-            dark.check(pose, covariance)
+        dark.advance(stamp_s, self._own_twist(stamp_s))
+        sure = self.state.name == "coasting" and dark.expected(pose, covariance)
         try:
             self._law.update(stamp_s, pose, covariance, rate)
         except NoPose:
@@ -142,9 +146,15 @@ class Following:
         dark.glimpse(pose, covariance)
         if covariance[3:, 3:].trace() > MOST_TURNED_RAD**2:  # a heading to go by is to be known
             self._settling.clear()
-        elif self._settled(stamp_s):
+        elif self._settled(stamp_s) or sure:
             self._to("locked", stamp_s, f"light came back {dark.found(pose)}")
             self._dark = None
+            self._note_lit(pose)
+
+    def _note_lit(self, pose: ArrayLike) -> None:
+        """Note how bright the lamp is at the range of a pose that steers."""
+        if self._glow is not None:
+            self._lit = float(np.linalg.norm(np.array(pose)[:3])), self._glow.peak
 
     def _settled(self, stamp_s: float) -> bool:
         """Say whether poses up to this one have agreed for long enough."""
@@ -171,13 +181,15 @@ class Following:
         dark = self._dark
         assert dark is not None
         dark.advance(now_s, self._own_twist(now_s))
+        glow = self._glow if self._images_come(now_s) else None
+        dark.look(glow, self.state.name == "coasting")
         if not self._goes_on(now_s, dark):
             return np.zeros(3), np.zeros(3)
         return self._sent(self._driven(now_s, dark))
 
     def _lose_light(self, now_s: float) -> None:
         self._go_dark(now_s, self._law.last)
-        self._to("coasting", now_s, "the light is gone; the leader is taken to go on")
+        self._to("coasting", now_s, "no pose steers; the leader is taken to go on")
 
     def _begin_search(self, now_s: float) -> None:
         """Search from the start, where images come that show no light."""
@@ -194,8 +206,10 @@ class Following:
     def _goes_on(self, now_s: float, dark: Darkness) -> bool:
         """Go on from coasting to searching, to its end; say whether the follower still steers."""
         name, s = self.state.name, self._search
-        if name == "coasting" and dark.age_s > s.coast_s:
+        most_s = max(s.coast_s, s.search_time_s)  # without a pose, whatever is seen
+        if name == "coasting" and (dark.unseen_s > s.coast_s or dark.age_s > most_s):
             name = "searching"
+            dark.begin_search(dark.age_s - dark.unseen_s)
             self._to(name, now_s, "the leader may have turned; the likely places are looked at")
         if name != "searching":
             return True
@@ -216,14 +230,14 @@ class Following:
         if self.state.name == "coasting":
             aim = dark.coast()
         elif self.state.name == "searching":
-            aim = dark.search(now_s, self._brightest)
+            aim = dark.search(now_s)
         else:
             aim = dark.hold(SURFACE_M_PER_S if self._search.when_lost == "surface" else 0.0)
         return self._law.drive(now_s, aim)
 
     def _go_dark(self, now_s: float, track: LeaderTrack | None) -> None:
         self._settling.clear()
-        self._dark = Darkness(self._settings, self._search, now_s, track, self._law)
+        self._dark = Darkness(self._settings, self._search, now_s, track, self._law, self._lit)
 
     def _own_twist(self, now_s: float) -> Array:
         """Return the follower's own motion, as it is measured or else commanded."""

@@ -21,6 +21,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uuv_optical_array.control.leader_motion import TURN_S, LeaderMotion, seen_at
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.core.settings import Quantity
 
@@ -28,7 +29,6 @@ from uuv_optical_array.core.settings import Quantity
 TURNS = (np.array([-6.0, -3.0, -1.5, 0.0, 1.5, 3.0, 6.0]), 2.5)
 CLIMBS = (np.array([-1.5, 0.0, 1.5]), 1.0)
 MOST_PITCH = 0.3  # rad; beyond it no leader climbs on
-TURN_S = 5.0  # in which a turn rate goes over to another
 TURNING_S = 10.0  # after which a leader that turned goes straight on, and one that drifts rests
 PERSIST = (1.0, 0.3)  # shares of the last turn rate from which it does
 # Probability that a leader without light has changed its speed, each to one of these, m/s: it
@@ -109,12 +109,8 @@ class LeaderBelief:
         self.age_s = 0.0
 
     @classmethod
-    def of_motion(cls, settings: SightSettings, speed: Array, turn: Array) -> "LeaderBelief":
-        """Return what is known as the light goes.
-
-        - speed: of the leader in its axes, m/s, ``(3,)``.
-        - turn: its pitch and yaw rate, rad/s, ``(2,)``.
-        """
+    def of_motion(cls, settings: SightSettings, leader: LeaderMotion) -> "LeaderBelief":
+        """Return what is known of a leader as its light goes."""
         (turns, turn_std), (climbs, climb_std) = TURNS, CLIMBS
         grids = np.meshgrid(climbs, turns, PERSIST, indexing="ij")
         climb, yaw, persist = (grid.ravel() for grid in grids)
@@ -123,9 +119,10 @@ class LeaderBelief:
         prior = np.concatenate([(1 - STOPPED) / going.sum() * going, halted])
         still = np.zeros((len(DRIFTS), 2))
         later = np.vstack([np.radians(np.stack([climb, yaw], axis=1)), still])
-        rates = np.vstack([np.outer(persist, turn), still])
-        speeds = np.vstack([np.tile(speed, (len(climb), 1)), DRIFTS])
-        self = cls(settings, prior, np.zeros((len(prior), 5)), speeds, rates, later)
+        rates = np.vstack([np.outer(persist, leader.turn), still])
+        speeds = np.vstack([np.tile(leader.speed, (len(climb), 1)), DRIFTS])
+        starts = np.tile(np.concatenate([leader.place, leader.heading]), (len(prior), 1))
+        self = cls(settings, prior, starts, speeds, rates, later)
         self._drifting = slice(len(going), len(prior))
         return self
 
@@ -138,15 +135,6 @@ class LeaderBelief:
         starts = np.insert(off, 3, 0.0, axis=1)
         none = np.zeros((len(prior), 2))
         return cls(settings, prior / prior.sum(), starts, np.zeros((len(prior), 3)), none, none)
-
-    @property
-    def newest(self) -> int:
-        """Which hypothesis goes on as the leader did last."""
-        return int(self._prior.argmax())
-
-    def likeliest(self) -> tuple[Array, Array]:
-        """Return place and heading of the `newest`."""
-        return self.places[self.newest], self.headings[self.newest]
 
     def advance(self, step_s: float, own: Array) -> None:
         """Let time pass, s, in which the follower, at `own`, ``(5,)``, saw no light."""
@@ -195,7 +183,7 @@ class LeaderBelief:
         - own: where the follower is, ``(5,)``; `pose`, `covariance`: as of a track.
         - returned: ``None`` where the pose says too little of the leader's heading.
         """
-        place, heading = self.seen_at(own, pose)
+        place, heading = seen_at(own, pose)
         off = np.concatenate([self.places - place, self.headings - heading], axis=1)
         spread = 4 * covariance + np.diag([0.25, 0.25, 0.25, 0.01, 0.01])
         distance = np.einsum("ni,ij,nj->n", off, np.linalg.inv(spread), off)
@@ -205,12 +193,6 @@ class LeaderBelief:
             self.weights[-1] = self._prior.sum()
             return Goal(len(self.weights) - 1, 1.0)
         return None
-
-    @staticmethod
-    def seen_at(own: Array, pose: Array) -> tuple[Array, Array]:
-        """Return place and heading of a leader from which a follower at `own` has a pose."""
-        heading = own[3:] - pose[3:]
-        return own[:3] - rotation_matrix(*heading) @ pose[:3], heading
 
     def goal(self, own: Array, station: Array, speed_m_per_s: float) -> Goal:
         """Return the place from which most leaders would be seen, and soon, for a while.

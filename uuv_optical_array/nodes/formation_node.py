@@ -20,6 +20,7 @@ from visualization_msgs.msg import MarkerArray
 from uuv_optical_array.control.darkness import SearchSettings
 from uuv_optical_array.control.following import Following, State
 from uuv_optical_array.control.formation import FormationSettings
+from uuv_optical_array.control.leader_motion import Glow
 from uuv_optical_array.core.geometry import Array, covariance_5x5
 from uuv_optical_array.core.messages import checked_twist, stamp_ns
 from uuv_optical_array.core.settings import Quantity
@@ -167,12 +168,12 @@ class FormationNode(Node):
 
     def on_look(self, header: Header, parameters: Array | None) -> None:
         """Note that an image was taken, and by its key parameters where it is brightest."""
-        place = None
+        glow = None
         if parameters is not None:
-            _, to_starboard, down, *_ = parameters.tolist()
-            place = -to_starboard / self.half, -down / self.half
+            peak, to_starboard, down, *_ = parameters.tolist()
+            glow = Glow(-to_starboard / self.half, -down / self.half, peak)
         self.image_s = stamp_ns(header) * 1e-9
-        self.following.looked(self.image_s, place)
+        self.following.looked(self.image_s, glow)
 
     def on_odometry(self, message: Odometry) -> None:
         """Tell the law how the follower moves by its own instruments."""

@@ -1,0 +1,168 @@
+"""Where the leader is without a pose to steer by: on as it moved last, corrected by what is seen.
+
+A light that goes behind a cloud is seldom gone. Poses of it may be too uncertain to steer by, and
+images without a pose still show where it is brightest. A Kalman filter of the leader's pose and
+rate, in a frame that stays in the water, takes each of these for what it knows, and goes on by the
+leader's last motion meanwhile. What is not where the leader may be by now is another lamp, or
+false: it changes nothing.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtri
+
+from uuv_optical_array.control.formation import polar
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
+
+TURN_S = 5.0  # time constant with which a turn ends
+MOST_SPEED, MOST_TURN = 2.0, 0.6  # of a leader, m/s and rad/s: beyond them is noise
+# Standard deviations of the rate as the light goes, m/s and rad/s, and by which it changes in a
+# second: leaders that speed up, brake and turn.
+RATE_STD = np.repeat([0.06, 0.03], [3, 2])
+CHANGE = np.repeat([0.1, 0.05], [3, 2])
+ALIKE_S = 1.0  # for which errors of what is seen are alike
+CHANCE = 1e-3  # that the leader is taken for another lamp
+# Direction of the brightest place at an array's edge, rad, and its standard deviation in the middle
+# and at the edge: the beam's slope across the array, and a detector's width.
+EDGE_RAD, MIDDLE_STD, EDGE_STD = 0.3, 0.15, 0.45
+# A cloud takes no more of the light than this leaves, where brightness tells how near a lamp is.
+LEFT_BY_CLOUDS = 0.35
+
+
+class Glow(NamedTuple):
+    """Where an image is brightest.
+
+    - to_port, up: of the array's middle, as shares of its half width, in [-1, 1].
+    - peak: its largest reading, in any unit that stays.
+    """
+
+    to_port: float
+    up: float
+    peak: float
+
+    def nearest_m(self, range_m: float, peak: float) -> float:
+        """Return how near the lamp may be, m, that was so bright at a range, m.
+
+        Light falls off at least as the square of the range, and `LEFT_BY_CLOUDS` is left of it.
+        """
+        return range_m * math.sqrt(LEFT_BY_CLOUDS * peak / max(self.peak, 1e-9))
+
+
+class LeaderMotion:
+    """A leader's pose and rate in a frame that stays in the water: the lamp's, as the light went.
+
+    - place, heading: m, ``(3,)``, pitch and yaw, rad, ``(2,)``.
+    - speed: in the leader's axes, m/s, ``(3,)``; turn: of pitch and yaw, rad/s, ``(2,)``.
+    - covariance: of place, heading, velocity in the water and turn, ``(10, 10)``.
+    - unseen_s: time since something of its light was seen, s.
+    """
+
+    def __init__(self, pose: Array, covariance: Array, leader_rate: Array) -> None:
+        """Begin with the pose that steered last, its covariance, and the leader's motion."""
+        self.turn = np.clip(-leader_rate[3:], -MOST_TURN, MOST_TURN)
+        speed = -leader_rate[:3] - turning(self.turn, pose[:3])
+        self.speed = np.clip(speed, -MOST_SPEED, MOST_SPEED)
+        self.place: Array = np.zeros(3)
+        self.heading: Array = np.zeros(2)
+        self.covariance: Array = np.zeros((10, 10))
+        slopes = _slopes(pose, np.zeros(2))
+        self.covariance[:5, :5] = slopes @ covariance @ slopes.T
+        self.covariance[5:, 5:] = np.diag(np.square(RATE_STD))
+        self.unseen_s = self._corrected_s = 0.0
+
+    @property
+    def rotation(self) -> Array:
+        """Rotation from the leader's axes to the water's, ``(3, 3)``."""
+        return rotation_matrix(*self.heading)
+
+    @property
+    def place_std_m(self) -> float:
+        """Largest standard deviation of the place along any line, m."""
+        return math.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1])
+
+    def pass_time(self, step_s: float) -> None:
+        """Let time pass, s: the leader goes on, and its turn ends slowly."""
+        self.unseen_s += step_s
+        self._corrected_s += step_s
+        halfway = rotation_matrix(*(self.heading + step_s / 2 * self.turn))
+        self.place = self.place + step_s * halfway @ self.speed
+        self.heading = wrapped(self.heading + step_s * self.turn, 1)
+        self.turn = math.exp(-step_s / TURN_S) * self.turn
+        onward = np.eye(10) + step_s * np.eye(10, k=5)
+        grown: Array = np.eye(10, 5, -5) + step_s / 2 * np.eye(10, 5)
+        grown *= math.sqrt(step_s) * CHANGE
+        self.covariance = onward @ self.covariance @ onward.T + grown @ grown.T
+
+    def expects(self, own: Array, pose: Array, covariance: Array) -> bool:
+        """Say whether a pose seen from `own`, ``(5,)``, may be the leader's."""
+        off, spread = self._off(own, pose, covariance)
+        spread = spread + self.covariance[:5, :5]
+        return float(off @ np.linalg.solve(spread, off)) <= chdtri(5, CHANCE)
+
+    def off_m(self, own: Array, pose: Array) -> float:
+        """Return how far the lamp of a pose is from where the leader's is expected, m."""
+        return float(np.linalg.norm(seen_at(own, pose)[0] - self.place))
+
+    def see(self, own: Array, pose: Array, covariance: Array) -> None:
+        """Take a pose that it `expects`, whatever it knows."""
+        self._correct(*self._off(own, pose, covariance), np.eye(5, 10))
+
+    def face(self, own: Array, glow: Glow) -> None:
+        """Take where an image is brightest, if the leader may be there."""
+        range_m, _ = polar(self.place - own[:3])
+        line = rotation_matrix(*own[3:]) @ rotation_matrix(
+            -EDGE_RAD * glow.up, EDGE_RAD * glow.to_port
+        )
+        across = line[:, 1:].T
+        edge = min(max(abs(glow.to_port), abs(glow.up)), 1.0)
+        std_m = range_m * (MIDDLE_STD + edge * (EDGE_STD - MIDDLE_STD))
+        off = across @ (own[:3] - self.place)
+        ahead = float(line[:, 0] @ (self.place - own[:3])) > 0
+        spread = std_m**2 * np.eye(2)
+        expected = across @ self.covariance[:3, :3] @ across.T + spread
+        if ahead and off @ np.linalg.solve(expected, off) <= chdtri(2, CHANCE):
+            self._correct(off, spread, across @ np.eye(3, 10))
+
+    def _off(self, own: Array, pose: Array, covariance: Array) -> tuple[Array, Array]:
+        """Return how far a pose's leader is from the expected, ``(5,)``, and its covariance."""
+        place, heading = seen_at(own, pose)
+        slopes = _slopes(pose, heading)
+        off = np.concatenate([place - self.place, wrapped(heading - self.heading, 1)])
+        return off, slopes @ covariance @ slopes.T
+
+    def _correct(self, off: Array, spread: Array, sees: Array) -> None:
+        """Correct by an innovation, ``(m,)``, its covariance and what it sees, ``(m, 10)``."""
+        spread = spread * max(ALIKE_S / max(self._corrected_s, 1e-3), 1.0)
+        gain = np.linalg.solve(sees @ self.covariance @ sees.T + spread, sees @ self.covariance).T
+        change = gain @ off
+        kept = np.eye(10) - gain @ sees
+        self.covariance = kept @ self.covariance @ kept.T + gain @ spread @ gain.T
+        self.place = self.place + change[:3]
+        self.heading = wrapped(self.heading + change[3:5], 1)
+        self.speed = self.speed + self.rotation.T @ change[5:8]
+        self.turn = self.turn + change[8:]
+        self.unseen_s = self._corrected_s = 0.0
+
+
+def seen_at(own: Array, pose: Array) -> tuple[Array, Array]:
+    """Return place and heading of a leader from which a follower at `own` has a pose."""
+    heading = own[3:] - pose[3:]
+    return own[:3] - rotation_matrix(*heading) @ pose[:3], heading
+
+
+def turning(turn: Array, place: Array) -> Array:
+    """Return the velocity of a place that turns by a pitch and yaw rate, rad/s, ``(3,)``."""
+    return np.cross([0.0, *turn], place)
+
+
+def _slopes(pose: Array, heading: Array) -> Array:
+    """Return the slopes of a leader's place and heading by a pose of it, ``(5, 5)``."""
+    rotation = rotation_matrix(*heading)
+    way = rotation @ pose[:3]
+    slopes: Array = np.zeros((5, 5))
+    slopes[:3, :3], slopes[3:, 3:] = -rotation, -np.eye(2)
+    slopes[:3, PITCH] = np.cross(rotation[:, 1], way)
+    slopes[:3, YAW] = np.cross([0.0, 0.0, 1.0], way)
+    return slopes

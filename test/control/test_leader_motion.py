@@ -18,6 +18,7 @@ from uuv_optical_array.control.leader_motion import (
 )
 
 STATION = np.array([-4.5, 0.0, 0.0, 0.0, 0.0])
+KEPT = (0.5, 0.0, 0.0, 0.0, 0.0)  # twist of a follower that keeps its station
 POSE = np.array([-4.0, 0.7, -0.3, 0.1, -0.2])
 
 
@@ -29,12 +30,12 @@ def moved(by):
 def gone(speed=(0.5, 0.0, 0.0), turn=(0.0, 0.0), pose=STATION, covariance=None):
     """Return a leader of a speed and turn, by the pose at which its light went."""
     rate = np.concatenate([speed + np.cross([0.0, *turn], pose[:3]), turn])
-    return LeaderMotion(pose, 1e-4 * np.eye(5) if covariance is None else covariance, -rate)
+    return LeaderMotion(0.0, pose, 1e-4 * np.eye(5) if covariance is None else covariance, -rate)
 
 
-def later(motion, seconds, step=0.01):
-    for _ in range(round(seconds / step)):
-        motion.pass_time(step)
+def later(motion, seconds, step=0.01, twist=(0.0,) * 5, begin=0.0):
+    for k in range(round(seconds / step)):
+        motion.advance(begin + (k + 1) * step, np.array(twist))
     return motion
 
 
@@ -78,9 +79,11 @@ def test_what_a_pose_knows_of_its_leader_follows_from_its_slopes(pose):
 
 def test_a_pose_corrects_as_gaussians_are_joined():
     """In information form, for a pose that comes when errors are no longer alike."""
-    motion, seen = later(gone(), ALIKE_S, 0.1), 0.04 * np.diag([4.0, 1.0, 1.0, 0.3, 0.3])
+    # The follower kept its station.
+    motion, seen = later(gone(), ALIKE_S, 0.1, KEPT), 0.04 * np.diag([4.0, 1.0, 1.0, 0.3, 0.3])
     before, place = motion.covariance.copy(), motion.place.copy()
-    own = moved([0.5, 0.0, 0.0, 0.0, 0.0])  # the follower kept its station
+    own = moved([0.5, 0.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(motion.own, own, atol=1e-12)
     pose = moved([0.3, 0.2, 0.0, 0.0, 0.0])
     slopes = np.array(
         [
@@ -93,8 +96,8 @@ def test_a_pose_corrects_as_gaussians_are_joined():
     after = np.linalg.inv(np.linalg.inv(before) + sees.T @ known @ sees)
     off = np.concatenate(seen_at(own, pose)) - np.concatenate([place, [0, 0]])
     shift = after @ sees.T @ known @ off
-    assert motion.expects(own, pose, seen)
-    motion.see(own, pose, seen)
+    assert motion.expects(pose, seen)
+    motion.see(pose, seen)
     np.testing.assert_allclose(motion.covariance, after, atol=1e-7)
     np.testing.assert_allclose(motion.place - place, shift[:3], atol=1e-7)
     np.testing.assert_allclose(motion.speed - [0.5, 0, 0], shift[5:8], atol=2e-3)
@@ -103,12 +106,11 @@ def test_a_pose_corrects_as_gaussians_are_joined():
 
 def test_poses_whose_errors_are_alike_count_as_one():
     """Ten within a second leave as much as one does, but for what the motion adds."""
-    often, once = later(gone(), 3.0), later(gone(), 3.0)
-    own = moved([1.5, 0.0, 0.0, 0.0, 0.0])
-    for _ in range(10):
-        often.pass_time(ALIKE_S / 10)
-        often.see(own, STATION, 0.25 * np.eye(5))
-    later(once, ALIKE_S).see(own, STATION, 0.25 * np.eye(5))
+    often, once = later(gone(), 3.0, twist=KEPT), later(gone(), 3.0, twist=KEPT)
+    for k in range(10):
+        often.advance(3.0 + (k + 1) * ALIKE_S / 10, np.array(KEPT))
+        often.see(STATION, 0.25 * np.eye(5))
+    later(once, ALIKE_S, twist=KEPT, begin=3.0).see(STATION, 0.25 * np.eye(5))
     ratio = often.covariance.diagonal()[:3] / once.covariance.diagonal()[:3]
     assert ratio == pytest.approx(1.0, abs=0.15)
 
@@ -117,9 +119,9 @@ def test_poses_whose_errors_are_alike_count_as_one():
 def test_light_aside_moves_the_leader_across_the_line_of_sight(side):
     motion = later(gone((0.0, 0.0, 0.0)), 3.0)
     before = motion.covariance.copy()
-    for _ in range(30):
-        motion.pass_time(0.1)
-        motion.face(STATION, Glow(0.4 * side, -0.2 * side, 100.0))
+    for k in range(30):
+        motion.advance(3.1 + 0.1 * k, np.zeros(5))
+        motion.face(Glow(0.4 * side, -0.2 * side, 100.0))
     assert side * motion.place[1] > 0.1
     assert side * motion.place[2] < -0.05
     assert abs(motion.place[0]) < 0.2 * abs(motion.place[1])
@@ -130,8 +132,8 @@ def test_light_aside_moves_the_leader_across_the_line_of_sight(side):
 
 @pytest.mark.parametrize(("yaw", "to_port"), [(math.pi, 0.0), (1.5, 0.0), (1.5, 0.5)])
 def test_light_where_the_leader_cannot_be_is_not_its(yaw, to_port):
-    motion = later(gone((0.0, 0.0, 0.0)), 0.5)
-    motion.face(moved([0, 0, 0, 0, yaw]), Glow(to_port, 0.0, 100.0))
+    motion = later(gone((0.0, 0.0, 0.0)), 0.5, twist=(0, 0, 0, 0, 2 * yaw))
+    motion.face(Glow(to_port, 0.0, 100.0))
     assert motion.unseen_s == pytest.approx(0.5)
     assert not motion.place.any()
 

@@ -6,16 +6,14 @@ All of it is in a frame that stays in the water: that of the lamp, as the light 
 import math
 from copy import copy
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
 from uuv_optical_array.control.formation import (
     Aim,
-    FormationController,
     FormationSettings,
     KeepOff,
-    LeaderTrack,
     bow_to,
     polar,
 )
@@ -23,7 +21,6 @@ from uuv_optical_array.control.leader_belief import Goal, LeaderBelief, SightSet
 from uuv_optical_array.control.leader_motion import Glow, LeaderMotion, turning
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.tracking.motion import in_beacon
 from uuv_optical_array.estimation.tracking.track import Outlier
 
 LostAction = Literal["hold", "surface", "disengage"]
@@ -67,15 +64,28 @@ class SearchSettings(SightSettings):
     ] = "hold"
 
 
+class Seen(NamedTuple):
+    """What is known of a leader as its light goes.
+
+    - motion: by all poses that steered; last: the same, as of the last of them.
+    - margin_m: by what the range of the last may err, m.
+    - lit: that range, m, and the peak of its image, as of `Glow`; ``None``: it is not known.
+    """
+
+    motion: LeaderMotion
+    last: LeaderMotion
+    margin_m: float
+    lit: tuple[float, float] | None
+
+
 class Darkness:
     """The time without a pose to steer by, in a frame that stays in the water.
 
     It is the lamp's, as the light went.
 
-    - own: where the follower is by its own motion, ``(5,)``.
+    - motion: of leader and follower; a leader that was never seen is taken to be at its place.
     - age_s: time without a pose to steer by, s; search_from_s: of it, from when on a search counts.
-    - motion: how the leader goes on; ``None``: it was never seen.
-    - held: where it was when it gave up.
+    - held: where the follower was when it gave up.
     """
 
     def __init__(
@@ -83,80 +93,72 @@ class Darkness:
         settings: FormationSettings,
         search: SearchSettings,
         now_s: float,
-        track: LeaderTrack | None,
-        law: FormationController,
-        lit: tuple[float, float] | None = None,
+        seen: Seen | None = None,
     ) -> None:
-        """Begin with the pose that steered last.
-
-        - lit: its range, m, and the peak of its image, as of `Glow`.
-        """
-        self._settings, self._search, self._lit = settings, search, lit
+        """Begin with what was seen last, if anything was."""
+        self._settings, self._search, self._lit = settings, search, seen and seen.lit
         self._station = np.array([*settings.station_m, 0.0, 0.0])
         self._now_s, self._planned_s, self._goal = now_s, -math.inf, Goal(-1, 0.0)
         self._glimpsed_s = -math.inf
         self._glow: Glow | None = None  # of the newest image
-        self.age_s, self.search_from_s, self._margin_m = 0.0, 0.0, 0.0
-        self.motion: LeaderMotion | None = None
+        self.search_from_s = 0.0
         self._belief = LeaderBelief.at_start(search)
-        if track is None:
-            self.own = self._station.copy()
-        else:
-            stamp_s = track.stamp_ns * 1e-9
-            way = law.moved_since(track.stamp_ns, now_s)
-            self.own = wrapped(track.pose + in_beacon(track.pose, way))
-            self._margin_m = track.margin_m
-            self.age_s = max(now_s - stamp_s, 0.0)  # a clock may be set back
-            self.motion = LeaderMotion(track.pose, track.covariance, track.leader_rate)
-        # The leader, and where the follower was, as something of its light was seen last.
-        self._last, self._start = copy(self.motion), self.own.copy()
-        if self.motion is not None:
-            self.motion.pass_time(self.age_s)
-        self.held, self._stayed = self.own.copy(), self.own[:3].copy()
+        # As something of the leader's light was seen last, and where the follower was.
+        self._last = self.motion = LeaderMotion(now_s, self._station, np.eye(5), np.zeros(5))
+        self._margin_m = 0.0
+        self._stopped = seen is not None  # whether the leader may be where it was seen
+        if seen is not None:
+            self.motion, self._last, self._margin_m = seen.motion, seen.last, seen.margin_m
+        self.age_s = self.motion.unseen_s
+        self._start, self.held = self._last.own, self.own.copy()
+        self._stayed = self.own[:3].copy()
+
+    @property
+    def own(self) -> Array:
+        """Where the follower is by its own motion, ``(5,)``."""
+        return self.motion.own
 
     @property
     def unseen_s(self) -> float:
         """Time since something of the leader's light was seen, s."""
-        return self.age_s if self.motion is None else self.motion.unseen_s
+        return self.motion.unseen_s
 
     def advance(self, now_s: float, twist: Array) -> None:
         """Move on to the present, s, by the follower's own motion, ``(5,)``."""
-        step_s = min(max(now_s - self._now_s, 0.0), 1.0)
+        step_s = self.motion.advance(now_s, twist)
         self._now_s = now_s
-        self.own = wrapped(self.own + step_s * in_beacon(self.own, twist))
         self.age_s += step_s
-        if self.motion is not None:
-            self.motion.pass_time(step_s)
         self._belief.advance(step_s, self.own)
 
     def look(self, glow: Glow | None, coasting: bool) -> None:
         """Take where an image is brightest; one that coasts takes that for its leader."""
         self._glow = glow
-        if coasting and glow is not None and self.motion is not None:
-            self.motion.face(self.own, glow)
+        if coasting and glow is not None:
+            self.motion.face(glow)
             self._note_seen()
 
     def expected(self, pose: Array, covariance: Array) -> bool:
         """Say whether a pose is where the leader surely is; Outlier where it cannot be by now."""
-        assert self.motion is not None
-        if not self.motion.expects(self.own, pose, covariance):
+        if not self.motion.expects(pose, covariance):
             raise Outlier(
-                f"outlier: a lamp {self.motion.off_m(self.own, pose):.3g} m from where the leader "
+                f"outlier: a lamp {self.motion.off_m(pose):.3g} m from where the leader "
                 "is expected; another lamp, or the leader left its way"
             )
         sure = self.motion.place_std_m < SURE_M
-        self.motion.see(self.own, pose, covariance)
+        self.motion.see(pose, covariance)
         self._note_seen()
         return sure
 
     def _note_seen(self) -> None:
         if self.unseen_s == 0:
-            self._last, self._start = copy(self.motion), self.own.copy()
+            self._last = copy(self.motion)
+            self._start = self._last.own
 
     def begin_search(self, from_s: float) -> None:
         """Search, by a time from `age_s` 0 on, s: the leader may have gone anywhere since."""
         self.search_from_s = from_s
-        if self._last is not None:
+        self._goal, self._planned_s = Goal(-1, 0.0), -math.inf
+        if self._stopped:
             self._belief = LeaderBelief.of_motion(self._search, self._last)
             self._belief.pass_time(self.unseen_s)
 
@@ -170,9 +172,9 @@ class Darkness:
     def found(self, pose: Array) -> str:
         """Say after how long a pose came, and how far its lamp is from where it was expected."""
         after = f"after {self.age_s:.1f} s"
-        if self.motion is None:
+        if not self._stopped:
             return after
-        off_m = self.motion.off_m(self.own, pose)
+        off_m = self.motion.off_m(pose)
         doubt = off_m > OTHER_M + self.motion.place_std_m
         other = "; it may be another lamp" * doubt
         return f"{after}, {off_m:.1f} m from where the leader was expected{other}"
@@ -180,7 +182,6 @@ class Darkness:
     def coast(self) -> Aim:
         """Return what steers to where the station would be, by the leader's last motion."""
         leader = self.motion
-        assert leader is not None
         at = leader.rotation
         rel = np.concatenate([at.T @ (self.own[:3] - leader.place), self.own[3:] - leader.heading])
         rel = wrapped(rel)
@@ -259,7 +260,7 @@ class Darkness:
 
     def _around(self, goal: Array) -> tuple[Array, bool]:
         """Return a goal that leads past the lamp that may have stopped, where it is in the way."""
-        if self._last is None or self._settings.min_distance_m == 0:
+        if not (self._stopped and self._settings.min_distance_m):
             return goal, False
         least_m = self._settings.min_distance_m + self._margin_m + PASSING_M
         to_goal = goal - self.own[:3]
@@ -283,7 +284,7 @@ class Darkness:
 
     def _last_seen(self) -> list[KeepOff]:
         """Return the lamp where it was seen last, as the leader may have stopped there since."""
-        if self._last is None:
+        if not self._stopped:
             return []
         lamp = self._lamp(self._last.place, np.zeros(3))
         if self._glow is not None and self._lit is not None:

@@ -21,14 +21,15 @@ and dim images, may be false. Where the leader is not sure to be there, poses ha
 """
 
 import math
+from copy import copy
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.control.darkness import Darkness, SearchSettings
-from uuv_optical_array.control.formation import FormationController, FormationSettings, LeaderTrack
-from uuv_optical_array.control.leader_motion import Glow
+from uuv_optical_array.control.darkness import Darkness, SearchSettings, Seen
+from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.leader_motion import Glow, LeaderMotion
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 
@@ -70,7 +71,7 @@ class Following:
         self._settling: list[float] = []  # stamps of the poses that agree
         self._image_s = -math.inf
         self._glow: Glow | None = None  # of the newest image
-        self._lit: tuple[float, float] | None = None  # range and peak of the last that steered
+        self._seen: Seen | None = None  # of the leader, by poses that steered
         self._began_s = math.nan  # when the first image came
         self._twist: Array = np.zeros(5)  # commanded last
         self._measured: tuple[float, Array] | None = None
@@ -111,7 +112,7 @@ class Following:
     def search(self, now_s: float) -> None:
         """Search for the leader now, from where the follower is, and for the whole time."""
         if self._dark is None:
-            self._go_dark(now_s, self._law.seen(now_s))
+            self._go_dark(now_s, self._seen)
         assert self._dark is not None
         self._dark.begin_search(self._dark.age_s)
         self._to("searching", now_s, "it was told to")
@@ -130,31 +131,45 @@ class Following:
         dark = self._dark
         if dark is None:
             self._law.update(stamp_s, pose, covariance, rate)
-            self._note_lit(pose)
+            self._note_seen(stamp_s, pose, covariance)
             if self.state.name == "waiting" and self._settled(stamp_s):
                 self._to("locked", stamp_s, "the leader's light steers")
             return
         pose, covariance = np.array(pose, dtype=float), np.array(covariance, dtype=float)
         dark.advance(stamp_s, self._own_twist(stamp_s))
-        sure = self.state.name == "coasting" and dark.expected(pose, covariance)
+        sure = False
+        if self.state.name == "coasting":
+            sure = dark.expected(pose, covariance)
+        else:
+            dark.glimpse(pose, covariance)
         try:
             self._law.update(stamp_s, pose, covariance, rate)
         except NoPose:
             self._settling.clear()
-            dark.glimpse(pose, covariance)
             raise
-        dark.glimpse(pose, covariance)
         if covariance[3:, 3:].trace() > MOST_TURNED_RAD**2:  # a heading to go by is to be known
             self._settling.clear()
         elif self._settled(stamp_s) or sure:
             self._to("locked", stamp_s, f"light came back {dark.found(pose)}")
             self._dark = None
-            self._note_lit(pose)
+            self._note_seen(stamp_s, pose, covariance)
 
-    def _note_lit(self, pose: ArrayLike) -> None:
-        """Note how bright the lamp is at the range of a pose that steers."""
+    def _note_seen(self, stamp_s: float, pose: ArrayLike, covariance: ArrayLike) -> None:
+        """Let a pose that steers tell of the leader's motion, and of how bright its lamp is."""
+        track = self._law.last
+        assert track is not None
+        pose, covariance = np.array(pose, dtype=float), np.array(covariance, dtype=float)
+        motion = self._seen.motion if self._seen else None
+        if motion is not None:
+            motion.advance(stamp_s, self._own_twist(stamp_s))
+        if motion is not None and motion.expects(pose, covariance):
+            motion.see(pose, covariance)
+        else:
+            motion = LeaderMotion(stamp_s, pose, covariance, track.leader_rate)
+        lit = None
         if self._glow is not None:
-            self._lit = float(np.linalg.norm(np.array(pose)[:3])), self._glow.peak
+            lit = float(np.linalg.norm(pose[:3])), self._glow.peak
+        self._seen = Seen(motion, copy(motion), track.margin_m, lit)
 
     def _settled(self, stamp_s: float) -> bool:
         """Say whether poses up to this one have agreed for long enough."""
@@ -176,6 +191,8 @@ class Following:
                 self._begin_search(now_s)
                 return None
             if self._law.seen(now_s) is not None:
+                if self._seen:
+                    self._seen.motion.advance(now_s, self._own_twist(now_s))
                 return self._sent(self._law.command(now_s))
             self._lose_light(now_s)
         dark = self._dark
@@ -188,7 +205,7 @@ class Following:
         return self._sent(self._driven(now_s, dark))
 
     def _lose_light(self, now_s: float) -> None:
-        self._go_dark(now_s, self._law.last)
+        self._go_dark(now_s, self._seen)
         self._to("coasting", now_s, "no pose steers; the leader is taken to go on")
 
     def _begin_search(self, now_s: float) -> None:
@@ -235,9 +252,10 @@ class Following:
             aim = dark.hold(SURFACE_M_PER_S if self._search.when_lost == "surface" else 0.0)
         return self._law.drive(now_s, aim)
 
-    def _go_dark(self, now_s: float, track: LeaderTrack | None) -> None:
+    def _go_dark(self, now_s: float, seen: Seen | None) -> None:
         self._settling.clear()
-        self._dark = Darkness(self._settings, self._search, now_s, track, self._law, self._lit)
+        self._dark = Darkness(self._settings, self._search, now_s, seen)
+        self._dark.advance(now_s, self._own_twist(now_s))
 
     def _own_twist(self, now_s: float) -> Array:
         """Return the follower's own motion, as it is measured or else commanded."""

@@ -256,11 +256,6 @@ class FormationController:
         """The pose that steered last."""
         return self._track
 
-    def moved_since(self, stamp_ns: int, now_s: float) -> Array:
-        """Return the integral of the commands from a stamp, ns, to the present, s, ``(5,)``."""
-        now_ns = _nanoseconds("now_s", now_s)
-        return self._own.displacement(stamp_ns, max(now_ns, stamp_ns))
-
     def drive(self, now_s: float, aim: Aim) -> tuple[Array, Array]:
         """Return the twist to command at the present, s, within all limits, as `command` does."""
         now_ns = _nanoseconds("now_s", now_s)

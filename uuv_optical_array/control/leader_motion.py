@@ -15,6 +15,7 @@ from scipy.special import chdtri
 
 from uuv_optical_array.control.formation import polar
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
+from uuv_optical_array.estimation.tracking.motion import in_beacon
 
 TURN_S = 5.0  # time constant with which a turn ends
 MOST_SPEED, MOST_TURN = 2.0, 0.6  # of a leader, m/s and rad/s: beyond them is noise
@@ -22,6 +23,7 @@ MOST_SPEED, MOST_TURN = 2.0, 0.6  # of a leader, m/s and rad/s: beyond them is n
 # second: leaders that speed up, brake and turn.
 RATE_STD = np.repeat([0.06, 0.03], [3, 2])
 CHANGE = np.repeat([0.1, 0.05], [3, 2])
+MOST_STEP_S = 5.0  # beyond it a clock was set
 ALIKE_S = 1.0  # for which errors of what is seen are alike
 CHANCE = 1e-3  # that the leader is taken for another lamp
 # Direction of the brightest place at an array's edge, rad, and its standard deviation in the middle
@@ -51,23 +53,25 @@ class Glow(NamedTuple):
 
 
 class LeaderMotion:
-    """A leader's pose and rate in a frame that stays in the water: the lamp's, as the light went.
+    """Leader and follower in a frame that stays in the water: that of the lamp, as it began.
 
-    - place, heading: m, ``(3,)``, pitch and yaw, rad, ``(2,)``.
+    - own: where the follower is by its own motion, m, pitch and yaw, rad, ``(5,)``.
+    - place, heading: of the leader, m, ``(3,)``, pitch and yaw, rad, ``(2,)``.
     - speed: in the leader's axes, m/s, ``(3,)``; turn: of pitch and yaw, rad/s, ``(2,)``.
     - covariance: of place, heading, velocity in the water and turn, ``(10, 10)``.
-    - unseen_s: time since something of its light was seen, s.
+    - unseen_s: time since something of the leader's light was seen, s.
     """
 
-    def __init__(self, pose: Array, covariance: Array, leader_rate: Array) -> None:
-        """Begin with the pose that steered last, its covariance, and the leader's motion."""
+    def __init__(self, now_s: float, pose: Array, covariance: Array, leader_rate: Array) -> None:
+        """Begin with a pose, its covariance and its rate by the leader's motion, as of a track."""
+        self.own, self._now_s = pose.copy(), now_s
         self.turn = np.clip(-leader_rate[3:], -MOST_TURN, MOST_TURN)
         speed = -leader_rate[:3] - turning(self.turn, pose[:3])
         self.speed = np.clip(speed, -MOST_SPEED, MOST_SPEED)
         self.place: Array = np.zeros(3)
         self.heading: Array = np.zeros(2)
-        self.covariance: Array = np.zeros((10, 10))
         slopes = _slopes(pose, np.zeros(2))
+        self.covariance: Array = np.zeros((10, 10))
         self.covariance[:5, :5] = slopes @ covariance @ slopes.T
         self.covariance[5:, 5:] = np.diag(np.square(RATE_STD))
         self.unseen_s = self._corrected_s = 0.0
@@ -82,8 +86,15 @@ class LeaderMotion:
         """Largest standard deviation of the place along any line, m."""
         return math.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1])
 
-    def pass_time(self, step_s: float) -> None:
-        """Let time pass, s: the leader goes on, and its turn ends slowly."""
+    def advance(self, now_s: float, twist: Array) -> float:
+        """Move on to a time, s, by the follower's own motion, ``(5,)``; return the step, s.
+
+        The leader goes on, and its turn ends slowly. A clock that is set moves nobody far.
+        """
+        step_s = min(max(now_s - self._now_s, 0.0), MOST_STEP_S)
+        if step_s or now_s < self._now_s - MOST_STEP_S:
+            self._now_s = now_s
+        self.own = wrapped(self.own + step_s * in_beacon(self.own, twist))
         self.unseen_s += step_s
         self._corrected_s += step_s
         halfway = rotation_matrix(*(self.heading + step_s / 2 * self.turn))
@@ -94,40 +105,41 @@ class LeaderMotion:
         grown: Array = np.eye(10, 5, -5) + step_s / 2 * np.eye(10, 5)
         grown *= math.sqrt(step_s) * CHANGE
         self.covariance = onward @ self.covariance @ onward.T + grown @ grown.T
+        return step_s
 
-    def expects(self, own: Array, pose: Array, covariance: Array) -> bool:
-        """Say whether a pose seen from `own`, ``(5,)``, may be the leader's."""
-        off, spread = self._off(own, pose, covariance)
+    def expects(self, pose: Array, covariance: Array) -> bool:
+        """Say whether a pose may be the leader's."""
+        off, spread = self._off(pose, covariance)
         spread = spread + self.covariance[:5, :5]
         return float(off @ np.linalg.solve(spread, off)) <= chdtri(5, CHANCE)
 
-    def off_m(self, own: Array, pose: Array) -> float:
+    def off_m(self, pose: Array) -> float:
         """Return how far the lamp of a pose is from where the leader's is expected, m."""
-        return float(np.linalg.norm(seen_at(own, pose)[0] - self.place))
+        return float(np.linalg.norm(seen_at(self.own, pose)[0] - self.place))
 
-    def see(self, own: Array, pose: Array, covariance: Array) -> None:
+    def see(self, pose: Array, covariance: Array) -> None:
         """Take a pose that it `expects`, whatever it knows."""
-        self._correct(*self._off(own, pose, covariance), np.eye(5, 10))
+        self._correct(*self._off(pose, covariance), np.eye(5, 10))
 
-    def face(self, own: Array, glow: Glow) -> None:
+    def face(self, glow: Glow) -> None:
         """Take where an image is brightest, if the leader may be there."""
-        range_m, _ = polar(self.place - own[:3])
-        line = rotation_matrix(*own[3:]) @ rotation_matrix(
+        range_m, _ = polar(self.place - self.own[:3])
+        line = rotation_matrix(*self.own[3:]) @ rotation_matrix(
             -EDGE_RAD * glow.up, EDGE_RAD * glow.to_port
         )
         across = line[:, 1:].T
         edge = min(max(abs(glow.to_port), abs(glow.up)), 1.0)
         std_m = range_m * (MIDDLE_STD + edge * (EDGE_STD - MIDDLE_STD))
-        off = across @ (own[:3] - self.place)
-        ahead = float(line[:, 0] @ (self.place - own[:3])) > 0
+        off = across @ (self.own[:3] - self.place)
+        ahead = float(line[:, 0] @ (self.place - self.own[:3])) > 0
         spread = std_m**2 * np.eye(2)
         expected = across @ self.covariance[:3, :3] @ across.T + spread
         if ahead and off @ np.linalg.solve(expected, off) <= chdtri(2, CHANCE):
             self._correct(off, spread, across @ np.eye(3, 10))
 
-    def _off(self, own: Array, pose: Array, covariance: Array) -> tuple[Array, Array]:
+    def _off(self, pose: Array, covariance: Array) -> tuple[Array, Array]:
         """Return how far a pose's leader is from the expected, ``(5,)``, and its covariance."""
-        place, heading = seen_at(own, pose)
+        place, heading = seen_at(self.own, pose)
         slopes = _slopes(pose, heading)
         off = np.concatenate([place - self.place, wrapped(heading - self.heading, 1)])
         return off, slopes @ covariance @ slopes.T

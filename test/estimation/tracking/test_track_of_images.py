@@ -15,7 +15,7 @@ from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import ABSORPTION, GRADIENTS, POWER
+from uuv_optical_array.forward.prior import ABSORPTION, AMBIENT, GRADIENTS, POWER, SCATTERING
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.drives import course
 
@@ -134,6 +134,29 @@ def test_a_lamp_that_dims_by_a_tenth_is_said_and_the_track_stays_true_and_as_sur
     assert len(squares) > 120
     # Of five numbers, and of the lamp, which is off by the standard deviation of its prior.
     assert np.mean(squares) < 2 * (5 + 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "off"),
+    [
+        # To first order, which what light or scatter there is follows, but for their logarithm.
+        (POWER, np.log(0.8), 0.8 - 1),
+        (POWER, np.log(1.2), 1.2 - 1),
+        (SCATTERING, np.log(2), 2 - 1),
+        (AMBIENT, 15.0, 15.0),
+    ],
+)
+def test_what_changes_at_once_is_named_as_vehicles_do_not_jump(estimator, name, step, off):
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(2)
+    poses, pipeline, said = course(np.arange(190) / 10, 40.0, rng), Pipeline(estimator), []
+    for k, pose in enumerate(poses):
+        light = model.light(pose, 0.0, {name: np.array(step if k >= 150 else 0.0)})
+        image = model.read(light, rng)
+        track = pipeline.answer((k + 1) * 100_000_000, image).track
+        said += [track.mismatch] if track and track.mismatch else []
+    named, size = said[0].split(" changed by ")
+    assert named == name
+    assert float(size.partition(" ")[0]) == pytest.approx(off, rel=0.2)
 
 
 def test_a_track_that_outliers_begin_anew_believes_nothing_that_it_learnt(estimator):

@@ -11,6 +11,8 @@ What is wrong from frame to frame, as where the lamp loses power, may also pass 
 than the prior lets expect. Where it is right, means that were learnt with covariance C are Gaussian
 about 0 with covariance P - C.
 
+What changed at once just before is told apart by the motion (`change`), and named instead.
+
 A scene that names shades is not tested: frames that pass for clear may be shaded, alike for long.
 """
 
@@ -23,9 +25,10 @@ from scipy.special import chdtrc
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import Biases, BiasSpace
+from uuv_optical_array.estimation.tracking.change import Changes
 from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS
 from uuv_optical_array.estimation.unknowns.constants import Constants
-from uuv_optical_array.forward.prior import POWER, shade_modes
+from uuv_optical_array.forward.prior import DAYLIGHT, OWN_POWER, POWER, shade_modes
 
 MOST_TESTED = 49  # detectors
 # Frames of a window are tested together with those of the one before, so often.
@@ -40,6 +43,9 @@ MOST_OF_ALL, LEAST_S = 0.75, 3.0
 LEAST = 1 - math.exp(-LEAST_S / WINDOW_S)  # the same, as a share of the window
 CHANCE = 1e-5  # that frames of the scene are taken for others, at each test
 LEAST_GAIN = 1e-3  # error of a detector that linearising may leave
+# Of changes at once: standard deviations of the prior of those of light and detectors, and of those
+# of water and optics; how often others than lamps change, all detectors as often as one constant.
+SUDDEN, SLOW, RARELY = 10.0, 2.0, 0.02
 LEAST_TOLD = 0.5  # degrees of freedom that were learnt, below which there is nothing to test
 LEAST_LEARNT = 0.02  # of a prior variance
 NEGLIGIBLE = 1e-9  # of the largest information, below which rounding is all there is
@@ -48,17 +54,19 @@ NEGLIGIBLE = 1e-9  # of the largest information, below which rounding is all the
 class LastingResiduals:
     """Tests the frames of a track, by arrays of at most `MOST_TESTED` detectors.
 
+    - changes: tell what changed at once, where that is why what is found; None: nothing does.
     - mismatch: what would explain the frames best; empty while the scene does.
     - said: the same, or of what was learnt, as it was said last.
     - found: whether frames since the last `begin_anew` showed it.
     """
 
-    def __init__(self, constants: Constants) -> None:
+    def __init__(self, constants: Constants, changes: Changes | None = None) -> None:
         side, q = round(constants.detectors**0.5), len(constants.names)
         self._clear = not constants.names_shades
         self._tests = self._clear and 0 < side**2 == constants.detectors <= MOST_TESTED
         self.mismatch = self.said = ""
         self.found = False
+        self._changes, self._change = changes, ""
         self._anew_ns: list[int] = []  # when all frames were forgotten, of late
         self._by_detector = constants.by_detector
         # Time with frames, of it with uneven ones, as shares of the window; stamp of the last one.
@@ -85,6 +93,12 @@ class LastingResiduals:
         column = np.tile(np.eye(side), (side, 1))
         patterns = np.hstack([row, column, modes.T])
         self._directions[q : q + side**2, size:] = patterns
+        self._units = np.array([*constants.stds, *[gain] * (len(self._names) - q)])
+        lamps = np.array([name.endswith(f".{OWN_POWER}") for name in self._names])
+        slow = (np.arange(len(lamps)) < q) & ~lamps & ~np.isin(self._names, DAYLIGHT)
+        self._sizes = np.where(slow, SLOW, SUDDEN)
+        each = np.repeat([RARELY, RARELY / side**2], [q, len(lamps) - q])
+        self._odds = np.where(lamps, 1.0, each)
         self._begin(LONG_AGO_NS)
 
     def beyond_prior(self, biases: Biases, space: BiasSpace) -> str:
@@ -102,7 +116,21 @@ class LastingResiduals:
         return ""
 
     def _off(self, error: int, size: float, chance: float) -> str:
+        """Return what changed at once, where that is as certain, or else that an error is off."""
+        if not self.found:  # once for each alarm
+            self._change = self._changed()
+        if self._change:
+            return f"{self._change} (chance {chance:.0e})"
         return f"{self._names[error]} is off by {size:+.2g} (chance {chance:.0e})"
+
+    def _changed(self) -> str:
+        if not (self._tests and self._changes):
+            return ""
+        best = self._changes.likeliest(self._directions, self._sizes, self._odds)
+        if best is None or best.evidence < -math.log(CHANCE):
+            return ""
+        size = best.size * self._units[best.error]
+        return f"{self._names[best.error]} changed by {size:+.2g}"
 
     def say(self, biases: Biases, space: BiasSpace) -> str:
         """Return what would explain the frames best, or what they taught."""

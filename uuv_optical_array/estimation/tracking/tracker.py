@@ -40,6 +40,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import Biases, BiasSpace, Motion, triangular
+from uuv_optical_array.estimation.tracking.change import SPAN_NS, Changes
 from uuv_optical_array.estimation.tracking.correction import (
     Belief,
     Corrected,
@@ -120,7 +121,8 @@ class Tracker:
         )
         self._ranges = Ranges(s)
         self._space = BiasSpace(c, s.constants_hold_s)
-        self._residuals = LastingResiduals(c)
+        self._changes = Changes(self._space, self._rate_walk)
+        self._residuals = LastingResiduals(c, self._changes)
         self._correction = Correction(self._space, c, s, self._gate)
         range_gate = math.sqrt(chdtri(1, 1 - s.gate_probability))
         self._ranging = Ranging(self._space, self._correction.fit, range_gate)
@@ -230,6 +232,11 @@ class Tracker:
             if self._constants.uneven:
                 self._residuals.add_light(stamp_ns, newest.frame.shaded > 0.5)
         elif newest.frame.relinearise and stamp_ns > self._tested_ns:
+            way: Array = np.zeros(5)
+            since_ns = max(self._tested_ns, stamp_ns - SPAN_NS)
+            if self._commanded(stamp_ns):
+                way = in_beacon(mean[POSE], self._own_motion.displacement(since_ns, stamp_ns))
+            self._changes.add(stamp_ns, way, mean[POSE], newest.frame.relinearise)
             self._tested_ns = stamp_ns
             near = newest.frame.relinearise(np.concatenate([mean[POSE], offsets]))
             with suppress(ValueError):  # not finite there

@@ -233,6 +233,19 @@ def test_strays_of_which_no_two_agree_never_steer():
     assert pursuit.states == ["waiting", "locked", "coasting", "searching", "lost"]
 
 
+@pytest.mark.parametrize(("aside", "words"), [(1.5, "a lamp 1.5"), (8.0, "a lamp 8")])
+def test_a_lamp_that_jumps_is_not_followed_while_the_leader_cannot_be_there(aside, words):
+    """An equal lamp beside ours, which goes out; the leader would have to go there at once."""
+    (pursuit, _), (without, _) = dark(), dark()
+    pursuit.light, pursuit.aside = True, np.array([0.0, aside, 0.0])
+    for _ in range(round(TIMEOUT_S / TICK_S)):
+        pursuit.step()
+        without.step()
+        assert isinstance(pursuit.refused, Outlier)
+        assert words in str(pursuit.refused)
+        np.testing.assert_allclose(pursuit.twist, without.twist, atol=1e-12)
+
+
 @pytest.mark.parametrize(("share", "taken"), [(0.5, True), (2.0, False)])
 def test_a_lamp_where_the_leader_cannot_be_by_now_is_another_one(share, taken):
     """Aside of a leader that goes straight on, and may have turned or sped up since."""

@@ -21,7 +21,6 @@ from uuv_optical_array.control.leader_belief import Goal, LeaderBelief, SightSet
 from uuv_optical_array.control.leader_motion import Glow, LeaderMotion, turning
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.tracking.track import Outlier
 
 LostAction = Literal["hold", "surface", "disengage"]
 
@@ -139,11 +138,7 @@ class Darkness:
 
     def expected(self, pose: Array, covariance: Array) -> bool:
         """Say whether a pose is where the leader surely is; Outlier where it cannot be by now."""
-        if not self.motion.expects(pose, covariance):
-            raise Outlier(
-                f"outlier: a lamp {self.motion.off_m(pose):.3g} m from where the leader "
-                "is expected; another lamp, or the leader left its way"
-            )
+        self.motion.check(pose, covariance)
         sure = self.motion.place_std_m < SURE_M
         self.motion.see(pose, covariance)
         self._note_seen()

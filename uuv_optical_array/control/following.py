@@ -28,10 +28,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.control.darkness import Darkness, SearchSettings, Seen
-from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.formation import (
+    FormationController,
+    FormationSettings,
+    nanoseconds,
+)
 from uuv_optical_array.control.leader_motion import Glow, LeaderMotion
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.tracking.measurement import checked_pose
 
 StateName = Literal["waiting", "locked", "coasting", "searching", "lost", "disengaged"]
 STATES: tuple[StateName, ...] = get_args(StateName)
@@ -115,6 +120,7 @@ class Following:
             self._go_dark(now_s, self._seen)
         assert self._dark is not None
         self._dark.begin_search(self._dark.age_s)
+        self._seen = None
         self._to("searching", now_s, "it was told to")
 
     def update(
@@ -122,49 +128,63 @@ class Following:
     ) -> None:
         """Take a relative pose and its rate.
 
-        Arguments and errors are those of `FormationController.update`; without light also Outlier
-        for a lamp where the leader cannot be yet.
+        Arguments and errors are those of `FormationController.update`; also Outlier for a lamp
+        beyond the minimum distance where the leader cannot be.
         """
+        nanoseconds("pose: stamp", stamp_s)
+        pose, _ = checked_pose(pose, covariance)
+        covariance = np.array(covariance, dtype=float)
         if self._dark is None and self.state.name == "locked" and self._law.seen(stamp_s) is None:
             # No command has come since the light went.
             self._lose_light(stamp_s)
-        dark = self._dark
-        if dark is None:
-            self._law.update(stamp_s, pose, covariance, rate)
-            self._note_seen(stamp_s, pose, covariance)
-            if self.state.name == "waiting" and self._settled(stamp_s):
-                self._to("locked", stamp_s, "the leader's light steers")
-            return
-        pose, covariance = np.array(pose, dtype=float), np.array(covariance, dtype=float)
-        dark.advance(stamp_s, self._own_twist(stamp_s))
-        sure = False
-        if self.state.name == "coasting":
+        dark, sure = self._dark, False
+        if dark is not None:
+            dark.advance(stamp_s, self._own_twist(stamp_s))
+        if dark is not None and self.state.name == "coasting":
             sure = dark.expected(pose, covariance)
         else:
-            dark.glimpse(pose, covariance)
+            self._check(stamp_s, pose, covariance)
+            if dark is not None:
+                dark.glimpse(pose, covariance)
         try:
             self._law.update(stamp_s, pose, covariance, rate)
         except NoPose:
             self._settling.clear()
             raise
-        if covariance[3:, 3:].trace() > MOST_TURNED_RAD**2:  # a heading to go by is to be known
-            self._settling.clear()
+        self._note_seen(stamp_s, pose, covariance)
+        if self.state.name in ("locked", "disengaged"):
+            return
+        if covariance[3:, 3:].trace() > MOST_TURNED_RAD**2:
+            self._settling.clear()  # a heading to go by is to be known
         elif self._settled(stamp_s) or sure:
-            self._to("locked", stamp_s, f"light came back {dark.found(pose)}")
+            found = f"light came back {dark.found(pose)}" if dark else "the leader's light steers"
+            self._to("locked", stamp_s, found)
             self._dark = None
-            self._note_seen(stamp_s, pose, covariance)
 
-    def _note_seen(self, stamp_s: float, pose: ArrayLike, covariance: ArrayLike) -> None:
+    def _check(self, stamp_s: float, pose: Array, covariance: Array) -> None:
+        """Raise Outlier for a pose beyond the minimum distance that cannot be the leader's.
+
+        Poses that have not settled yet begin anew with it.
+        """
+        last = self._law.last
+        if self._seen is None or last is None or stamp_s * 1e9 <= last.stamp_ns:
+            return
+        motion = self._seen.motion
+        motion.advance(stamp_s, self._own_twist(stamp_s))
+        if self.state.name != "locked" and not motion.expects(pose, covariance):
+            self._seen = None
+            self._settling.clear()
+        elif np.linalg.norm(pose[:3]) > self._settings.min_distance_m:
+            motion.check(pose, covariance)
+
+    def _note_seen(self, stamp_s: float, pose: Array, covariance: Array) -> None:
         """Let a pose that steers tell of the leader's motion, and of how bright its lamp is."""
         track = self._law.last
         assert track is not None
-        pose, covariance = np.array(pose, dtype=float), np.array(covariance, dtype=float)
-        motion = self._seen.motion if self._seen else None
-        if motion is not None:
-            motion.advance(stamp_s, self._own_twist(stamp_s))
-        if motion is not None and motion.expects(pose, covariance):
+        if self._seen is not None and self._seen.motion.expects(pose, covariance):
+            motion = self._seen.motion
             motion.see(pose, covariance)
-        else:
+        else:  # the first, or one too near to be refused
             motion = LeaderMotion(stamp_s, pose, covariance, track.leader_rate)
         lit = None
         if self._glow is not None:
@@ -227,6 +247,7 @@ class Following:
         if name == "coasting" and (dark.unseen_s > s.coast_s or dark.age_s > most_s):
             name = "searching"
             dark.begin_search(dark.age_s - dark.unseen_s)
+            self._seen = None  # what comes back has to settle
             self._to(name, now_s, "the leader may have turned; the likely places are looked at")
         if name != "searching":
             return True

@@ -24,9 +24,7 @@ itself. A range that errs by more cannot be recognised. A command of zero is res
 without light a current carries the follower along.
 
 A refused pose steers nothing, and where no other comes the follower stops, unless `following` lets
-it go on. Beyond the minimum a pose is refused whose range may err by itself, and one that the
-leader cannot have reached since the one before: another lamp, or a false pose. The tracker finds
-outliers less far off.
+it go on. Beyond the minimum a pose is refused whose range may err by half of itself.
 """
 
 import math
@@ -42,13 +40,10 @@ from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.core.settings import Place, Quantity
 from uuv_optical_array.estimation.tracking.measurement import checked_pose
 from uuv_optical_array.estimation.tracking.motion import OwnMotion, checked_rate, in_beacon
-from uuv_optical_array.estimation.tracking.track import Outlier
 
 STATION = Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
 RANGE_STDS = 3.0  # how far a range may err, in standard deviations
 MOST_UNCERTAIN = 0.5  # of a range, that it may err and still steer
-# By how much a leader that speeds up or brakes, and may leave its way, is not where it leads.
-STRAY_M, STRAY_M_PER_S = 0.3, 0.2
 MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 
 
@@ -107,17 +102,6 @@ class LeaderTrack(NamedTuple):
     covariance: Array
     margin_m: float
     leader_rate: Array
-
-    def reach_m(self, covariance: Array, off: Array, elapsed_s: float) -> float:
-        """Return how far a lamp may be off the way that this leads, m, by both poses' errors.
-
-        - covariance: of the other pose; off: its place less the expected one, m, ``(3,)``.
-        - elapsed_s: in which a turn may have ended, and the leader left its way, s.
-        """
-        _, way = polar(off)
-        swept = float(np.linalg.norm(self.leader_rate[3:])) * float(np.linalg.norm(self.pose[:3]))
-        errs_m = _margin_m(self.covariance + covariance, way)
-        return errs_m + STRAY_M + elapsed_s * (STRAY_M_PER_S + swept)
 
 
 class KeepOff(NamedTuple):
@@ -183,13 +167,11 @@ class FormationController:
         - pose: ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
         - covariance: of `pose`, shape ``(5, 5)``, positive definite.
         - rate: of `pose`, the follower's own motion included, m/s and rad/s, shape ``(5,)``.
-        - Outlier: for a pose beyond the minimum that is farther from where the last one that
-          steered leads than the two may err and a leader changes its motion meanwhile.
         - NoPose: for a pose beyond the minimum whose range may err by itself.
         - ValueError: for what is not finite, out of bounds or not positive definite, and a stamp
           that does not advance; the controller is left as it was.
         """
-        stamp_ns = _nanoseconds("pose: stamp", stamp_s)
+        stamp_ns = nanoseconds("pose: stamp", stamp_s)
         pose, _ = checked_pose(pose, covariance)
         rate = checked_rate("rate", rate)
         before = self._newest
@@ -201,26 +183,13 @@ class FormationController:
         margin_m = _margin_m(covariance, away)
         leader_rate = rate - in_beacon(pose, self._own.twist(stamp_ns))
         new = self._newest = LeaderTrack(stamp_ns, pose, covariance, margin_m, leader_rate)
-        if range_m > self._settings.min_distance_m:
-            self._refuse(new, range_m)
-        self._track, self._lit = new, True
-        self._cruise = self._rate  # lest a stale pose bring the old speed back
-
-    def _refuse(self, new: LeaderTrack, range_m: float) -> None:
-        """Raise NoPose where the range may err by itself, or the pose before leads not to this."""
-        if new.margin_m >= MOST_UNCERTAIN * range_m:
+        if range_m > self._settings.min_distance_m and margin_m >= MOST_UNCERTAIN * range_m:
             raise NoPose(
                 f"too uncertain: the range of {range_m:.3g} m has a standard deviation of "
-                f"{new.margin_m / RANGE_STDS:.3g} m"
+                f"{margin_m / RANGE_STDS:.3g} m"
             )
-        old = self._track
-        if old is None or not 0 < new.stamp_ns - old.stamp_ns <= self._timeout_ns:
-            return
-        off = new.pose[:3] - self._predicted(old, new.stamp_ns)[:3]
-        elapsed_s = (new.stamp_ns - old.stamp_ns) * 1e-9
-        beyond_m = float(np.linalg.norm(off)) - old.reach_m(new.covariance, off, elapsed_s)
-        if beyond_m > 0:
-            raise Outlier(f"outlier: {beyond_m:.3g} m beyond the reach of the pose before")
+        self._track, self._lit = new, True
+        self._cruise = self._rate  # lest a stale pose bring the old speed back
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:
         """Return the twist to command at the present, s, on the clock of the stamps.
@@ -228,7 +197,7 @@ class FormationController:
         It is in the follower's frame, m/s and rad/s, shape ``(3,)`` each; ``None`` before a pose.
         Once the light is lost it falls linearly to zero. ValueError for a time that is not finite.
         """
-        now_ns = _nanoseconds("now_s", now_s)
+        now_ns = nanoseconds("now_s", now_s)
         if self._track is None:
             return None
         s = self._settings
@@ -248,7 +217,7 @@ class FormationController:
         """Return the pose that steers at a time, s; ``None`` where the light is lost."""
         if self._track is None or not self._lit:
             return None
-        age_ns = abs(_nanoseconds("now_s", now_s) - self._track.stamp_ns)
+        age_ns = abs(nanoseconds("now_s", now_s) - self._track.stamp_ns)
         return self._track if age_ns <= self._timeout_ns else None
 
     @property
@@ -258,7 +227,7 @@ class FormationController:
 
     def drive(self, now_s: float, aim: Aim) -> tuple[Array, Array]:
         """Return the twist to command at the present, s, within all limits, as `command` does."""
-        now_ns = _nanoseconds("now_s", now_s)
+        now_ns = nanoseconds("now_s", now_s)
         self._rate = self._driven(aim, self._elapsed_s(now_ns))
         return self._commanding(now_ns)
 
@@ -358,7 +327,8 @@ def polar(place: Array) -> tuple[float, Array]:
     return range_m, place / range_m if range_m > 0 else np.array([-1.0, 0.0, 0.0])
 
 
-def _nanoseconds(name: str, seconds: float) -> int:
+def nanoseconds(name: str, seconds: float) -> int:
+    """Return a time in ns; ValueError for one that is not finite or too far off."""
     if not abs(seconds) <= MAX_STAMP_S:
         raise ValueError(f"{name} is {seconds:g} s; give seconds within +-{MAX_STAMP_S:g}")
     return round(seconds * 1e9)

@@ -16,6 +16,7 @@ from scipy.special import chdtri
 from uuv_optical_array.control.formation import polar
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.estimation.tracking.motion import in_beacon
+from uuv_optical_array.estimation.tracking.track import Outlier
 
 TURN_S = 5.0  # time constant with which a turn ends
 MOST_SPEED, MOST_TURN = 2.0, 0.6  # of a leader, m/s and rad/s: beyond them is noise
@@ -112,6 +113,14 @@ class LeaderMotion:
         off, spread = self._off(pose, covariance)
         spread = spread + self.covariance[:5, :5]
         return float(off @ np.linalg.solve(spread, off)) <= chdtri(5, CHANCE)
+
+    def check(self, pose: Array, covariance: Array) -> None:
+        """Raise Outlier for a pose that it does not expect."""
+        if not self.expects(pose, covariance):
+            raise Outlier(
+                f"outlier: a lamp {self.off_m(pose):.3g} m from where the leader is expected; "
+                "another lamp, or the leader left its way"
+            )
 
     def off_m(self, pose: Array) -> float:
         """Return how far the lamp of a pose is from where the leader's is expected, m."""

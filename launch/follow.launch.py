@@ -58,8 +58,9 @@ def nodes(context):
     for name in ("scene", "frame_prefix", "leader_frame", "others", "leader_path"):
         if given(name):
             arguments[name] = ParameterValue(given(name), value_type=str)
-    if given("use_sim_time"):
-        arguments["use_sim_time"] = switched_on("use_sim_time")
+    for name in ("use_sim_time", "use_leader_odometry"):
+        if given(name):
+            arguments[name] = switched_on(name)
     if given("publish_tf"):
         arguments["publish_tf"] = switched_on("publish_tf")
     elif switched_on("rviz"):

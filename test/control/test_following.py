@@ -254,7 +254,7 @@ def test_a_lamp_where_the_leader_cannot_be_by_now_is_another_one(share, taken):
     assert pursuit.state == "coasting"
     since = pursuit.now - last_s
     may_be_off = RATE_STD[1] ** 2 * since**2 + CHANGE[1] ** 2 * since**3 / 3
-    aside = share * math.sqrt(chdtri(5, CHANCE) * may_be_off)
+    aside = share * math.sqrt(chdtri(3, CHANCE) * may_be_off)
     pursuit.light, pursuit.aside = True, np.array([0.0, aside, 0.0])
     pursuit.step()
     assert taken == (pursuit.refused is None)

@@ -37,7 +37,7 @@ class Law:
     def looked(self, stamp_s, brightest):
         self.looks.append(stamp_s)
 
-    def update(self, stamp_s, pose, covariance, rate):
+    def update(self, stamp_s, pose, covariance, rate, rate_covariance):
         self.tracks.append((stamp_s, pose))
         if self.refuses:
             raise NoPose("not this one")

@@ -39,7 +39,8 @@ POSE_ASTERN = np.array([-7.0, 0.3, 0.2, 0.05, 0.1])
 
 
 def odometry(pose, rate=STILL, roll=0.1, frame="leader/beacon"):
-    twist, covariance = body_twist(pose, rate, np.eye(10), roll)
+    # Of an attitude that is known, so that the twist errs as the rate does.
+    twist, covariance = body_twist(pose, rate, np.diag([0.0] * 5 + [1.0] * 5), roll)
     where = pose_to_message(np.array(pose), SPREAD, Header(frame_id=frame), roll)
     return odometry_to_message(where, "base_link", twist, covariance)
 
@@ -82,11 +83,12 @@ class Helm:
             lambda: next((state for state in self.states if state.message == name), None), name
         )
 
-    def see(self, pose, stamp=None, rate=STILL):
+    def see(self, pose, stamp=None, rate=STILL, rate_covariance=None):
         """Tell node and law a pose and its rate, of this instant unless a stamp is given."""
         message, stamp = odometry(pose, rate), self.now if stamp is None else stamp
         message.header.stamp = time_of(stamp)
-        self.law.update(stamp * 1e-9, pose, covariance_5x5(pose, SPREAD), rate)
+        covariance = covariance_5x5(pose, SPREAD)
+        self.law.update(stamp * 1e-9, pose, covariance, rate, rate_covariance)
         self.lab.deliver(self.node, self.poses, message)
 
     def tick(self):
@@ -406,6 +408,61 @@ def test_in_the_dark_it_knows_its_way_by_its_odometry_where_it_is_told_to(lab):
     damaged.twist.twist.linear.x = np.nan
     lab.deliver(helm.node, odometries, damaged)
     lab.report(helm.node, WARN, "odometry, not finite")
+
+
+def test_it_goes_by_what_its_leader_tells_where_it_is_told_to(lab):
+    lamp, spread = [-0.5, 0.1, 0.2], np.diag([0.02, 0.03, 0.02, 1.0, 0.01, 0.02]) ** 2
+    helm = Helm(lab, use_leader_odometry=True, beacon_position_m=lamp)
+    told, mirror = lab.talk(Odometry, "leader/odometry"), [1, -1, -1, 1, -1, -1]
+    heard, moves = [], helm.node.following.leader_moves
+    helm.node.following.leader_moves = lambda *given: (moves(*given), heard.append(given))
+    lab.connect()
+
+    def swim(surge, frame="leader/base_link", covariance=spread):
+        message, signs = Odometry(child_frame_id=frame), np.ones(6)
+        message.header.stamp, before = time_of(helm.now - 3 * STEP), len(heard)
+        if frame.endswith("_frd"):
+            signs = np.array(mirror)
+        twist = signs * [surge, 0.1, 0.0, 0.0, 0.05, 0.3]
+        message.twist.twist.linear.x, message.twist.twist.linear.y = twist[:2]
+        message.twist.twist.angular.y, message.twist.twist.angular.z = twist[4:]
+        message.twist.covariance = (np.outer(signs, signs) * covariance).ravel()
+        told.publish(message)
+        lab.until(lambda: len(heard) > before, "the motion")
+
+    def expect(surge):
+        now_s, stamp_s, linear, angular, covariance = heard[-1]
+        assert (now_s, stamp_s) == pytest.approx((helm.now * 1e-9, helm.now * 1e-9 - 0.3))
+        np.testing.assert_allclose(angular, [0, 0.05, 0.3])
+        lever = np.cross([0, 0.05, 0.3], lamp)
+        np.testing.assert_allclose(linear, np.array([surge, 0.1, 0]) + lever)
+        assert covariance[0, 0] == pytest.approx(0.02**2 + (0.2 * 0.01) ** 2 + (0.1 * 0.02) ** 2)
+        return now_s, stamp_s, linear, angular, covariance
+
+    law, rate, known = helm.law, np.array([-0.2, 1.2, 0.0, 0.0, -0.2]), np.eye(5)
+    untold = Following(FormationSettings(station_m=tuple(STATION[:3])), helm.search)
+    for i in range(8):
+        swim(0.4 + 0.1 * i)
+        law.leader_moves(*expect(0.4 + 0.1 * i))
+        seen = helm.now * 1e-9, STATION, covariance_5x5(STATION, SPREAD), rate
+        untold.update(*seen, known)
+        helm.see(STATION, rate=rate, rate_covariance=known)
+        found, alone = helm.check_command(), untold.command(helm.now * 1e-9)
+    assert np.abs(found - np.concatenate(alone)).max() > 0.01
+    helm.tick()
+    swim(0.7, "leader_frd")
+    expect(0.7)
+    helm.tick()
+    silent = Odometry()
+    silent.header.stamp = time_of(helm.now)
+    lab.deliver(helm.node, told, silent)
+    lab.report(helm.node, WARN, "leader/odometry, covariance: variances [0.0,")
+    damaged = Odometry()
+    damaged.twist.covariance[7] = np.nan
+    lab.deliver(helm.node, told, damaged)
+    lab.report(helm.node, WARN, "leader/odometry, not finite: the twist's covariance")
+    helm.see(STATION, rate=rate)
+    helm.command()
 
 
 def test_a_station_that_a_minimum_distance_slows_is_said(helm):

@@ -16,6 +16,7 @@ from uuv_optical_array.control.vehicles import Vehicle
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.estimation.pipeline import Answer, Pipeline
+from uuv_optical_array.estimation.tracking.track import RATE
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.others import Other, sight
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
@@ -35,6 +36,15 @@ class Light(NamedTuple):
     model: ForwardModel
     offsets: Mapping[str, Array] = MappingProxyType({})
     others: Sequence[Other] = ()
+
+
+class Message(NamedTuple):
+    """A leader's motion, as it reaches a follower; fields as of `Following.leader_moves`."""
+
+    stamp_s: float
+    linear: Array
+    angular: Array
+    covariance: Array
 
 
 class Swimmer:
@@ -58,6 +68,9 @@ class Swimmer:
     sounder
         Range from the lamp and its standard deviation, m, that its estimator is given of the true
         one, m, and the time, s; ``None``: there is none then.
+    modem
+        What comes of the motion of the vehicle whose lamp it follows, at the time, s: stamp and
+        the rest as `Following.leader_moves` takes it; ``None``: nothing.
     """
 
     def __init__(
@@ -69,10 +82,11 @@ class Swimmer:
         ahead: int = 0,
         imu: Callable[[float, float], float | None] = lambda roll, t_s: 0.0,
         sounder: Callable[[float, float], tuple[float, float] | None] = lambda range_m, t_s: None,
+        modem: Callable[[Vehicle, float], Message | None] = lambda ahead, t_s: None,
     ) -> None:
         self.vehicle, self.pipeline, self.following = vehicle, pipeline, following
         self.light, self.ahead, self.imu = light, ahead, imu
-        self.sounder = sounder
+        self.sounder, self.modem = sounder, modem
         self.command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
         self.roll = 0.0  # told last
 
@@ -157,12 +171,22 @@ class ClosedLoop:
         told = swimmer.imu(vehicle.roll, self.t_s)
         if told is not None:
             swimmer.roll = told
+        message = swimmer.modem(self._ahead(swimmer), self.t_s)
+        if message is not None:
+            with suppress(ValueError):  # it is refused
+                swimmer.following.leader_moves(self.t_s, *message)
         answer = swimmer.pipeline.answer(stamp_ns, image, swimmer.roll)
         swimmer.following.looked(self.t_s, glow(image, swimmer.pipeline.least_counts))
         track = answer.track
         if track is not None:
             try:
-                swimmer.following.update(self.t_s, track.pose, track.covariance, track.rate)
+                swimmer.following.update(
+                    self.t_s,
+                    track.pose,
+                    track.covariance,
+                    track.rate,
+                    track.joint_covariance[RATE, RATE],
+                )
             except (NoPose, ValueError) as reason:
                 answer = answer._replace(reason=str(reason))
         command = swimmer.following.command(self.t_s)

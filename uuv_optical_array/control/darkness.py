@@ -19,6 +19,7 @@ from uuv_optical_array.control.formation import (
 )
 from uuv_optical_array.control.leader_belief import Goal, LeaderBelief, SightSettings
 from uuv_optical_array.control.leader_motion import Glow, LeaderMotion, turning
+from uuv_optical_array.control.told_motion import Told
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Quantity
 
@@ -29,7 +30,9 @@ MOST_S, ARRIVED_S, ARRIVED_M = 25.0, 2.0, 1.0
 PASSING_M = 0.5  # beyond the minimum distance, at which a lamp that may have stopped is passed
 # By how much it turns to light at the array's edge, rad; so long after the last pose of it, s.
 TURN_RAD, PITCH_RAD, TURNING_S = 0.8, 0.2, 1.0
-SURE_M = 1.0  # standard deviation of where the leader is, below which its pose steers at once
+# Chance that the leader is farther off, and standard deviation of where it is, m, beyond which a
+# pose has to settle.
+LIKELY, SURE_M = 0.05, 1.0
 OTHER_M = 1.0  # from where the leader is expected, where a lamp may be another one
 
 
@@ -109,6 +112,7 @@ class Darkness:
         if seen is not None:
             self.motion, self._last, self._margin_m = seen.motion, seen.last, seen.margin_m
         self.age_s = self.motion.unseen_s
+        self._heard_s = now_s - self.age_s  # of what was seen or told last
         self._start, self.held = self._last.own, self.own.copy()
         self._stayed = self.own[:3].copy()
 
@@ -136,10 +140,24 @@ class Darkness:
             self.motion.face(glow)
             self._note_seen()
 
+    def hear(self, told: Told | None) -> None:
+        """Take what the leader tells of its motion: it is seen, while that tells where it is."""
+        if told is None or told.stamp_s <= self._heard_s:
+            return
+        self._heard_s = told.stamp_s
+        known = self.motion.hear(told.twist, told.aged(self._now_s - told.stamp_s))
+        beam_m = float(np.linalg.norm(self._station[:3])) * math.sin(
+            math.radians(self._search.sight_deg)
+        )
+        if known and self.motion.place_std_m < beam_m:
+            self.motion.unseen_s = 0.0
+            self._note_seen()
+
     def expected(self, pose: Array, covariance: Array) -> bool:
         """Say whether a pose is where the leader surely is; Outlier where it cannot be by now."""
         self.motion.check(pose, covariance)
-        sure = self.motion.place_std_m < SURE_M
+        likely = self.motion.expects(pose, covariance, LIKELY)
+        sure = likely and self.motion.place_std_m < SURE_M
         self.motion.see(pose, covariance)
         self._note_seen()
         return sure

@@ -3,8 +3,8 @@
 - ``waiting``: no pose has steered yet.
 - ``locked``: the leader's light steers, by the law of `formation`.
 - ``coasting``: there is no pose to steer by. The follower goes on as the leader was moving, led by
-  what is seen of its light (`leader_motion`), and without for as long as its turns are not likely
-  to lead out of sight of the way that it had.
+  what is seen of its light and by what it tells (`leader_motion`), and without for as long as its
+  turns are not likely to lead out of sight of the way that it had.
 - ``searching``: it goes to where most of the leaders that may be by now would be seen from
   (`leader_belief`), with the bow to them, within limits of time, distance, depth and turn.
 - ``lost``: the search has ended without light. The follower holds where it is, or does what the
@@ -114,6 +114,28 @@ class Following:
         """
         self._measured = stamp_s, np.concatenate([linear, np.asarray(angular)[1:]]).astype(float)
 
+    def leader_moves(
+        self,
+        now_s: float,
+        stamp_s: float,
+        linear: ArrayLike,
+        angular: ArrayLike,
+        covariance: ArrayLike,
+    ) -> None:
+        """Take the leader's own motion, as it is told, at the present, s.
+
+        It is weighed with what the light shows; without light a follower that coasts goes by it.
+
+        - stamp_s: when the leader moved so, s, later than the one before.
+        - linear, angular: velocity of the lamp through the water and turn, in the leader's frame,
+          m/s and rad/s, ``(3,)`` each. The roll rate does not count.
+        - covariance: of both, ``(6, 6)``, positive definite but for the roll rate's.
+        - ValueError: for what is not finite or out of bounds, a stamp that is not later, too old
+          or ahead, and a motion that the light contradicts; three in a row have to agree with it
+          before one counts.
+        """
+        self._law.leader.take(now_s, stamp_s, linear, angular, covariance)
+
     def search(self, now_s: float) -> None:
         """Search for the leader now, from where the follower is, and for the whole time."""
         if self._dark is None:
@@ -124,7 +146,12 @@ class Following:
         self._to("searching", now_s, "it was told to")
 
     def update(
-        self, stamp_s: float, pose: ArrayLike, covariance: ArrayLike, rate: ArrayLike
+        self,
+        stamp_s: float,
+        pose: ArrayLike,
+        covariance: ArrayLike,
+        rate: ArrayLike,
+        rate_covariance: ArrayLike | None = None,
     ) -> None:
         """Take a relative pose and its rate.
 
@@ -147,7 +174,7 @@ class Following:
             if dark is not None:
                 dark.glimpse(pose, covariance)
         try:
-            self._law.update(stamp_s, pose, covariance, rate)
+            self._law.update(stamp_s, pose, covariance, rate, rate_covariance)
         except NoPose:
             self._settling.clear()
             raise
@@ -220,6 +247,8 @@ class Following:
         dark.advance(now_s, self._own_twist(now_s))
         glow = self._glow if self._images_come(now_s) else None
         dark.look(glow, self.state.name == "coasting")
+        if self.state.name == "coasting":
+            dark.hear(self._law.leader.told(now_s))
         if not self._goes_on(now_s, dark):
             return np.zeros(3), np.zeros(3)
         return self._sent(self._driven(now_s, dark))

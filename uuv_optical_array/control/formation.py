@@ -1,7 +1,8 @@
 """The control law that keeps a follower on station behind the leader, while there is light.
 
 It takes relative pose and rate from the estimator's tracker, subtracts its own command from the
-rate, which leaves the leader's motion, and predicts the pose to the present by that motion and its
+rate, which leaves the leader's motion, to which what the leader tells is added by its covariance
+(`told_motion`), and predicts the pose to the present by that motion and its
 commands since. It commands the leader's velocity, plus one proportional to the error of the
 predicted pose. So nothing lags at a steady speed or turn of the leader or in a steady current,
 which looks like a motion of the leader, and there is no integral to wind up.
@@ -35,6 +36,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uuv_optical_array.control.told_motion import ToldMotion, checked_spread
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.core.settings import Place, Quantity
@@ -133,9 +135,13 @@ class Aim(NamedTuple):
 
 
 class FormationController:
-    """Keep station and the leader's attitude; none nearer than the minimum distance is reached."""
+    """Keep station and the leader's attitude; none nearer than the minimum distance is reached.
+
+    - leader: its motion, as it is told and as the light shows it.
+    """
 
     def __init__(self, settings: FormationSettings) -> None:
+        self.leader = ToldMotion()
         self._own = OwnMotion()  # the commands
         self._newest: LeaderTrack | None = None
         self._track: LeaderTrack | None = None  # the newest that was not refused
@@ -158,7 +164,12 @@ class FormationController:
         self._timeout_ns = round(s.light_timeout_s * 1e9)
 
     def update(
-        self, stamp_s: float, pose: ArrayLike, covariance: ArrayLike, rate: ArrayLike
+        self,
+        stamp_s: float,
+        pose: ArrayLike,
+        covariance: ArrayLike,
+        rate: ArrayLike,
+        rate_covariance: ArrayLike | None = None,
     ) -> None:
         """Take a relative pose and its rate.
 
@@ -167,6 +178,8 @@ class FormationController:
         - pose: ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
         - covariance: of `pose`, shape ``(5, 5)``, positive definite.
         - rate: of `pose`, the follower's own motion included, m/s and rad/s, shape ``(5,)``.
+        - rate_covariance: of `rate`, shape ``(5, 5)``, positive definite, by which it is weighed
+          with what the leader tells of its motion; ``None``: it counts alone.
         - NoPose: for a pose beyond the minimum whose range may err by itself.
         - ValueError: for what is not finite, out of bounds or not positive definite, and a stamp
           that does not advance; the controller is left as it was.
@@ -174,6 +187,7 @@ class FormationController:
         stamp_ns = nanoseconds("pose: stamp", stamp_s)
         pose, _ = checked_pose(pose, covariance)
         rate = checked_rate("rate", rate)
+        spread = None if rate_covariance is None else checked_spread(rate_covariance)
         before = self._newest
         if before and 0 <= before.stamp_ns - stamp_ns <= self._timeout_ns:
             newest_s = before.stamp_ns * 1e-9
@@ -181,7 +195,9 @@ class FormationController:
         range_m, away = polar(pose[:3])
         covariance = np.array(covariance, dtype=float)
         margin_m = _margin_m(covariance, away)
-        leader_rate = rate - in_beacon(pose, self._own.twist(stamp_ns))
+        shown = leader_rate = rate - in_beacon(pose, self._own.twist(stamp_ns))
+        if spread is not None:
+            leader_rate = self.leader.fused(stamp_s, pose, shown, spread)
         new = self._newest = LeaderTrack(stamp_ns, pose, covariance, margin_m, leader_rate)
         if range_m > self._settings.min_distance_m and margin_m >= MOST_UNCERTAIN * range_m:
             raise NoPose(
@@ -189,6 +205,8 @@ class FormationController:
                 f"{margin_m / RANGE_STDS:.3g} m"
             )
         self._track, self._lit = new, True
+        if spread is not None:
+            self.leader.light(stamp_s, pose, shown, spread)
         self._cruise = self._rate  # lest a stale pose bring the old speed back
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:

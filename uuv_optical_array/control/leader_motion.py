@@ -24,6 +24,7 @@ MOST_SPEED, MOST_TURN = 2.0, 0.6  # of a leader, m/s and rad/s: beyond them is n
 # second: leaders that speed up, brake and turn.
 RATE_STD = np.repeat([0.06, 0.03], [3, 2])
 CHANGE = np.repeat([0.1, 0.05], [3, 2])
+KNOWN = 2.5  # times the former, below which what is told says how the leader goes on
 MOST_STEP_S = 5.0  # beyond it a clock was set
 ALIKE_S = 1.0  # for which errors of what is seen are alike
 CHANCE = 1e-3  # that the leader is taken for another lamp
@@ -108,11 +109,11 @@ class LeaderMotion:
         self.covariance = onward @ self.covariance @ onward.T + grown @ grown.T
         return step_s
 
-    def expects(self, pose: Array, covariance: Array) -> bool:
-        """Say whether a pose may be the leader's."""
+    def expects(self, pose: Array, covariance: Array, chance: float = CHANCE) -> bool:
+        """Say whether the lamp of a pose is where the leader's may be, but for a chance."""
         off, spread = self._off(pose, covariance)
-        spread = spread + self.covariance[:5, :5]
-        return float(off @ np.linalg.solve(spread, off)) <= chdtri(5, CHANCE)
+        spread = (spread + self.covariance[:5, :5])[:3, :3]
+        return float(off[:3] @ np.linalg.solve(spread, off[:3])) <= chdtri(3, chance)
 
     def check(self, pose: Array, covariance: Array) -> None:
         """Raise Outlier for a pose that it does not expect."""
@@ -146,6 +147,20 @@ class LeaderMotion:
         if ahead and off @ np.linalg.solve(expected, off) <= chdtri(2, CHANCE):
             self._correct(off, spread, across @ np.eye(3, 10))
 
+    def hear(self, twist: Array, covariance: Array) -> bool:
+        """Take a motion that the leader tells, ``(5,)`` in its axes, and its covariance.
+
+        Return whether its rate is known by that.
+        """
+        speed = np.clip(twist[:3], -MOST_SPEED, MOST_SPEED) - self.speed
+        turn = np.clip(twist[3:], -MOST_TURN, MOST_TURN) - self.turn
+        in_water = np.eye(5)
+        in_water[:3, :3] = self.rotation
+        off = in_water @ np.concatenate([speed, turn])
+        self._take(off, in_water @ covariance @ in_water.T, np.eye(5, 10, 5))
+        stds = np.sqrt(self.covariance.diagonal()[5:])
+        return bool((stds <= KNOWN * RATE_STD).all())
+
     def _off(self, pose: Array, covariance: Array) -> tuple[Array, Array]:
         """Return how far a pose's leader is from the expected, ``(5,)``, and its covariance."""
         place, heading = seen_at(self.own, pose)
@@ -155,7 +170,11 @@ class LeaderMotion:
 
     def _correct(self, off: Array, spread: Array, sees: Array) -> None:
         """Correct by an innovation, ``(m,)``, its covariance and what it sees, ``(m, 10)``."""
-        spread = spread * max(ALIKE_S / max(self._corrected_s, 1e-3), 1.0)
+        self._take(off, spread * max(ALIKE_S / max(self._corrected_s, 1e-3), 1.0), sees)
+        self.unseen_s = self._corrected_s = 0.0
+
+    def _take(self, off: Array, spread: Array, sees: Array) -> None:
+        """Do so by errors that are unlike those before."""
         gain = np.linalg.solve(sees @ self.covariance @ sees.T + spread, sees @ self.covariance).T
         change = gain @ off
         kept = np.eye(10) - gain @ sees
@@ -164,7 +183,6 @@ class LeaderMotion:
         self.heading = wrapped(self.heading + change[3:5], 1)
         self.speed = self.speed + self.rotation.T @ change[5:8]
         self.turn = self.turn + change[8:]
-        self.unseen_s = self._corrected_s = 0.0
 
 
 def seen_at(own: Array, pose: Array) -> tuple[Array, Array]:

@@ -21,6 +21,7 @@ from uuv_optical_array.control.darkness import SearchSettings
 from uuv_optical_array.control.following import Following, State
 from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.control.leader_motion import Glow
+from uuv_optical_array.control.told_motion import twist_of_lamp
 from uuv_optical_array.core.geometry import Array, covariance_5x5
 from uuv_optical_array.core.messages import checked_twist, stamp_ns
 from uuv_optical_array.core.settings import Quantity
@@ -32,7 +33,7 @@ from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, par
 from uuv_optical_array.nodes.shared.state_teller import StateTeller
 
 PARAMETERS = {
-    **shared("scene", "frame_prefix", "base_frame", "beacon_frame"),
+    **shared("scene", "frame_prefix", "base_frame", "beacon_frame", "beacon_position_m"),
     **parameters_of(FormationSettings),
     **parameters_of(SearchSettings),
     "rate_hz": Parameter(10.0, Quantity("commands a second", "Hz", 0.1, 1000), True),
@@ -41,6 +42,9 @@ PARAMETERS = {
     ),
     "use_odometry": Parameter(
         False, Quantity("read the follower's own motion from odometry, for the dark"), True
+    ),
+    "use_leader_odometry": Parameter(
+        False, Quantity("read the leader's own motion from leader/odometry"), True
     ),
 }
 ENOUGH = 0.7  # of max_surge_m_per_s, that a follower at its station has to be allowed
@@ -71,6 +75,8 @@ class FormationNode(Node):
             subscribe(self, PointCloud2, "array/features", self.on_features)
         if self.parameters["use_odometry"]:
             subscribe(self, Odometry, "odometry", self.on_odometry)
+        if self.parameters["use_leader_odometry"]:
+            subscribe(self, Odometry, "leader/odometry", self.on_leader)
         self.create_service(SetBool, "~/engage", self.on_engage)
         self.create_service(Trigger, "~/search", self.on_search)
         if not self.parameters["start_engaged"]:
@@ -156,7 +162,10 @@ class FormationNode(Node):
             pose = messages.pose_from_message(message)
             covariance = covariance_5x5(pose, messages.covariance_from_message(message))
             rate = messages.rate_from_message(message)
-            self.following.update(stamp * 1e-9, pose, covariance, rate)
+            spread = None
+            if self.parameters["use_leader_odometry"]:
+                spread = messages.rate_covariance_from_message(message)
+            self.following.update(stamp * 1e-9, pose, covariance, rate, spread)
             self.diagnostics.answer(stamp, lambda: {"range_m": f"{-pose[0]:.2f}"})
             self.show_station(message.header.frame_id)
         self.tell_state()
@@ -180,6 +189,17 @@ class FormationNode(Node):
         with self.diagnostics.refusing("odometry"):
             linear, angular = checked_twist(message.twist.twist, message.child_frame_id)
             self.following.moved(stamp_ns(message.header) * 1e-9, linear, angular)
+
+    def on_leader(self, message: Odometry) -> None:
+        """Tell the law how the leader moves, by a modem or a test tank."""
+        with self.diagnostics.refusing("leader/odometry"):
+            twist = np.concatenate(checked_twist(message.twist.twist, message.child_frame_id))
+            covariance = messages.twist_covariance_from_message(message)
+            twist, covariance = twist_of_lamp(
+                self.parameters["beacon_position_m"], twist, covariance
+            )
+            stamp_s = stamp_ns(message.header) * 1e-9
+            self.following.leader_moves(self.now_s(), stamp_s, twist[:3], twist[3:], covariance)
 
     def show_station(self, frame: str) -> None:
         """Show the station in the frame of the lamp, where it is not there yet."""

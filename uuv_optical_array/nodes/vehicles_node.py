@@ -42,6 +42,8 @@ from uuv_optical_array.nodes.shared.node import (
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
 from uuv_optical_array.nodes.shared.waiting import Waiting
 
+# Of the velocities, (m/s)^2 and (rad/s)^2, as a test tank's tracking would know them.
+TWIST_COVARIANCE = np.diag(np.repeat([0.02, 0.02], 3) ** 2).ravel()
 # A step of as many periods, and of as many seconds, is none: the clock jumped, or the node slept.
 PAUSE_PERIODS, PAUSE_S = 5, 1.0
 
@@ -215,6 +217,7 @@ class VehiclesNode(Node):
         attitude = vehicle.pitch, vehicle.yaw, vehicle.roll
         messages.write_pose(message.pose.pose, vehicle.position, *attitude)
         messages.write_twist(message.twist.twist, vehicle.linear, vehicle.angular)
+        message.twist.covariance = TWIST_COVARIANCE
         self.odometry[name].publish(message)
         self.send_transform(message.header, message.child_frame_id, message.pose.pose)
 

@@ -31,6 +31,7 @@ from uuv_optical_array.forward.others import Other
 from uuv_optical_array.forward.prior import SCATTERING, power_offsets
 from uuv_optical_array.forward.scene import scene_from_settings
 from uuv_optical_array.studies.leader_courses import Points, at
+from uuv_optical_array.studies.modem import Modem
 
 Model = Literal["kinematic", "bluerov2"]
 VEHICLES: dict[Model, type[Vehicle]] = {"kinematic": Vehicle, "bluerov2": BlueRov2}
@@ -68,6 +69,7 @@ class Kind:
       turned_deg: its yaw.
     - stays: whether the leader does.
     - silent_s: from when to when the IMU says nothing; none: there is no IMU.
+    - told: whether the leader tells of its motion, as `modem` says.
     - drawn: returns the kind of one run.
     """
 
@@ -93,6 +95,7 @@ class Kind:
     stays: bool = False
     silent_s: tuple[float, float] = (np.inf, np.inf)
     others: tuple[Beside, ...] = ()
+    told: bool = False
     fleet: tuple[Follower, ...] = ALONE
     drawn: "Callable[[Kind, np.random.Generator], Kind] | None" = None
 
@@ -176,10 +179,16 @@ def loop_of(
                 partial(_light, kind, one.number, clear, cloudy),
                 one.ahead,
                 imu,
+                # Of its own noise, lest the images of a kind and its twin without it differ.
+                modem=Modem(np.random.default_rng((seed, one.number))) if kind.told else _untold,
             )
         )
     motion = PATHS["stand"] if kind.stays else kind.motion
     return ClosedLoop(leader, swimmers, rng, motion, Sea(kind.current_m_per_s))
+
+
+def _untold(ahead: Vehicle, t_s: float) -> None:
+    return None
 
 
 def _no_imu(roll: float, t_s: float) -> float:

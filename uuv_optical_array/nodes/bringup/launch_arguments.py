@@ -29,6 +29,7 @@ FOLLOW = {
     "one_process": ("false", "feature, estimator and formation node in follower_node"),
     "simulator": ("true", "simulate the images; not where an array takes them"),
     "leader_odometry": ("leader/odometry", "topic, for followers that share a leader"),
+    "use_leader_odometry": ("", "follow by the leader's odometry, too, as a modem would tell it"),
     "others": ("", "odometry topics of other vehicles that the simulator draws"),
     "demo": (
         "true",
@@ -59,7 +60,7 @@ FORMATION = {
     **EACH,
 }
 SWITCHES = {"chain", "demo", "rviz", "publish_tf", "record", "use_sim_time", "use_respawn"}
-SWITCHES |= {"one_process", "simulator"}
+SWITCHES |= {"one_process", "simulator", "use_leader_odometry"}
 CHOICES = {name: [*YES, *NO] for name in SWITCHES}
 CHOICES["demo"] += ["follower", "leader"]
 CHOICES["log_level"] = [*LEVELS, *map(str.upper, LEVELS)]

@@ -218,17 +218,38 @@ def rate_from_message(message: Odometry) -> Array:
     return pose_rate(pose_from_message(message), np.concatenate(twist), roll)
 
 
+def rate_covariance_from_message(message: Odometry) -> Array:
+    """Unpack the covariance of the rate that `rate_from_message` returns, ``(5, 5)``.
+
+    It is a little too large, by what errors of the attitude add to that of the twist.
+    """
+    pose, (_, quaternion) = pose_from_message(message), checked_pose(message.pose.pose)
+    roll, _, _ = roll_pitch_yaw(quaternion)
+    by_twist = np.array([pose_rate(pose, twist, roll) for twist in np.eye(6)]).T
+    covariance: Array = by_twist @ twist_covariance_from_message(message) @ by_twist.T
+    return covariance
+
+
 def covariance_from_message(message: PoseWithCovarianceStamped | Odometry) -> Array:
     """Unpack the 6x6 covariance of a pose."""
-    covariance = np.reshape(message.pose.covariance, (6, 6)).astype(float)
+    return _covariance("pose", message.pose.covariance, message.header.frame_id)
+
+
+def twist_covariance_from_message(message: Odometry) -> Array:
+    """Unpack the 6x6 covariance of the twist of an odometry."""
+    return _covariance("twist", message.twist.covariance, message.child_frame_id)
+
+
+def _covariance(name: str, values: Any, frame: str) -> Array:
+    covariance = np.reshape(values, (6, 6)).astype(float)
     if not np.isfinite(covariance).all():
-        raise Refused("not finite: the pose's covariance")
+        raise Refused(f"not finite: the {name}'s covariance")
     if (np.abs(covariance) > MAX_COVARIANCE).any():
         raise Refused(
-            f"out of bounds: the pose's covariance, with {np.abs(covariance).max():g}, not within "
-            f"+-{MAX_COVARIANCE:g}"
+            f"out of bounds: the {name}'s covariance, with {np.abs(covariance).max():g}, not "
+            f"within +-{MAX_COVARIANCE:g}"
         )
-    sign = signs(message.header.frame_id)
+    sign = signs(frame)
     return np.outer(sign, sign) * covariance
 
 

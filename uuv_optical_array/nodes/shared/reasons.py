@@ -59,6 +59,12 @@ REFUSALS = {
     "late range": "Look for load and for clocks that differ, or raise `buffer_s`.",
     "repeated range": "Let the sensor stamp each range; look for a second publisher on `range`.",
     "range without light": "With light, look for clocks that differ.",
+    "late motion": "Look at the modem's delay, and for clocks that differ.",
+    "motion": _DRIVER,
+    "false motion": (
+        "If it lasts, look at the frame of the leader's twist, whether it is through the water, "
+        "and at its covariance."
+    ),
     "readings": "Report it with a bag.",
     "no leader": "Check `leader/odometry`.",
     "no leader pose at the follower's stamp": "Raise `max_gap_s`; use one clock for both.",

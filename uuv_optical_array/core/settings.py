@@ -6,6 +6,7 @@ on a dataclass field, on a keyword-only argument or in a table of node parameter
 
 import dataclasses
 import difflib
+import functools
 import inspect
 import math
 import reprlib
@@ -172,6 +173,11 @@ def _unwrapped(hint: Any) -> tuple[Any, Quantity, bool]:
 
 def declared(owner: Callable[..., Any]) -> dict[str, Setting]:
     """Return the settings of a dataclass, or of a function's keyword-only arguments."""
+    return dict(_declared(owner))
+
+
+@functools.cache  # to read the hints takes longer than to check the values
+def _declared(owner: Callable[..., Any]) -> dict[str, Setting]:
     hints = typing.get_type_hints(owner, include_extras=True)
     settings = {}
     for name, argument in inspect.signature(owner).parameters.items():

@@ -8,15 +8,21 @@ import numpy as np
 from uuv_optical_array.core.geometry import wrapped
 from uuv_optical_array.core.storage.files import shared_file
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 
 READY = sorted(path.stem for path in shared_file("config/scenes").glob("*.yaml"))
 SHAPES = ("planar", "curved")
 WATER = {"attenuation": {"k_per_m": 0.1}, "sensor_noise": {"sigma_counts": 1.0}}
 
 
+@functools.cache
+def ready(name):
+    """Return a ready scene, read once: to parse its files takes longer than most of a test."""
+    return load_scene(name)
+
+
 def make_scene(shape="curved", side=5, effects=WATER, prior=None, **lamp):
-    scene = load_scene("reference").settings()
+    scene = ready("reference").settings()
     scene["array"].update(shape=shape, detectors_per_side=side)
     if shape == "planar":
         del scene["array"]["radius_m"]
@@ -36,7 +42,7 @@ def changed(scene, **changes):
 
     A prior is replaced, as its settings hold all that `known` stands for.
     """
-    scene = load_scene(scene) if isinstance(scene, str) else scene
+    scene = scene if isinstance(scene, Scene) else ready(scene)
     plain = scene.settings() | ({"prior": {}} if "prior" in changes else {})
     return scene_from_settings(merged(plain, changes), "changed")
 
@@ -53,7 +59,7 @@ def with_prior(scene, **values):
 
 def coarse(scene, number=5):
     """Return a scene with `number` poses along each axis of its table."""
-    scene = load_scene(scene) if isinstance(scene, str) else scene
+    scene = scene if isinstance(scene, Scene) else ready(scene)
     spans = scene.settings()["table"].items()
     return changed(scene, table={axis: [*span[:2], number] for axis, span in spans})
 

@@ -90,9 +90,9 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # processes, the idle one compiles the fit meanwhile; else every worker would wait for one of them.
 FITTING = re.compile(
     "test_(acceptance|accuracy|advise|approach|benchmarks|closed_loop|code_blocks|commands|"
-    "demo|drives|envelope|estimate|estimator_node|every_effect|example_scripts|examples|"
+    "demo|drives|end_to_end|envelope|estimate|estimator_node|every_effect|example_scripts|examples|"
     "faults|fit|fit_compiler|follower_node|fuzz|hard_cases|lattice|linearised|misfit|mixture|"
-    "near_frames|node_parameters|outputs|paper|plausibility|posterior|programs|record|"
+    "near_frames|node_parameters|outputs|paper|plausibility|posterior|programs|ranges|record|"
     "replay|robustness|security|several_lamps|track_of_images|tracking_constants|"
     "tracking_manoeuvres|tracking_seas|tracking_shades|tradeoff|transport|view|view_sources)"
 )

@@ -7,11 +7,12 @@ import command_line
 import numpy as np
 import pytest
 from command_line import assert_picture, json_of
-from scenes import changed
+from scenes import changed, coarse
 
 from uuv_optical_array.control.leader_path import leader_twist
 from uuv_optical_array.control.vehicles import Vehicle
 from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies import closed_loop_figures, envelope
@@ -168,7 +169,7 @@ def test_what_changes_changes_the_image_when_it_should(table_of_follow):
 
 @pytest.fixture(scope="module")
 def table_of_follow():
-    return Estimator(load_scene("follow"), "sam")
+    return Estimator(build_table(coarse("follow")), "sam")
 
 
 def test_the_start_is_where_the_kind_says(table_of_follow):

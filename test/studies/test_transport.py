@@ -12,6 +12,7 @@ from scenes import changed
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import uniform_poses
+from uuv_optical_array.studies import transport
 from uuv_optical_array.studies.photon_transport import PhotonSea, shipped_pencil
 from uuv_optical_array.studies.transport import (
     CASES,
@@ -101,10 +102,12 @@ def test_poses_span_the_ranges_that_are_asked_for():
     assert np.degrees(np.abs(poses[:, 3:]).max()) == pytest.approx(20, abs=0.1)
 
 
-def test_the_command_answers_every_water_and_draws_the_beam(tmp_path):
+def test_the_command_answers_every_water_and_draws_the_beam(tmp_path, monkeypatch):
+    some = [CASES[0], CASES[-1]]  # each is compared above
+    monkeypatch.setattr(transport, "CASES", some)
     picture = tmp_path / "transport.svg"
     found = json_of(run, "--poses", "3", "--output", str(picture))
     assert found["complete"]
-    assert [(row["water"], row["phase"], row["beam_deg"]) for row in found["law"]] == [*CASES]
+    assert [(row["water"], row["phase"], row["beam_deg"]) for row in found["law"]] == some
     assert [row["answered"] for row in found["poses"]] == 3 * len(SCENES) * [3]
     assert "photons" in picture.read_text(encoding="utf-8")

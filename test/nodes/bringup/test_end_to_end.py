@@ -16,7 +16,6 @@ from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature.features import scene_parameters
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene
 
 POSES = 40
 ROLL_STD_RAD = 1e-6  # it is 0
@@ -24,8 +23,8 @@ NODES = ("simulator_node", "feature_node", "estimator_node")
 
 
 @pytest.fixture
-def sensor_processes(tmp_path):
-    given = {"scene": "reference", "simulator_node:seed": 7, "estimator_node:method": "sam"}
+def sensor_processes(tmp_path, scene_file):
+    given = {"scene": scene_file, "simulator_node:seed": 7, "estimator_node:method": "sam"}
     given["estimator_node:tracking"] = "false"  # poses of this test make no track
     given["estimator_node:roll_std_rad"] = f"{ROLL_STD_RAD}"
     with node_processes(tmp_path / "log", NODES, **given):
@@ -68,7 +67,7 @@ class Fleet(Probe):
         return seconds
 
 
-def test_every_pose_is_answered_with_the_match_of_its_image(sensor_processes):
+def test_every_pose_is_answered_with_the_match_of_its_image(sensor_processes, scene, table):
     rng = np.random.default_rng(20161)
     angle = np.radians(20.0)
     poses = rng.uniform(
@@ -94,8 +93,7 @@ def test_every_pose_is_answered_with_the_match_of_its_image(sensor_processes):
         rclpy.try_shutdown()
 
     assert [stamp for stamp in sorted(fleet.answers) if stamp >= first * 10**9] == stamps
-    scene = load_scene("reference")
-    matching = Estimator(scene, "sam")
+    matching = Estimator(table, "sam")
     images = np.array([fleet.images[stamp] for stamp in stamps])
     for stamp, image in zip(stamps, images, strict=True):
         assert fleet.answers[stamp].header.frame_id == "leader/beacon"

@@ -18,7 +18,7 @@ from uuv_optical_array.control.following import (
     Following,
 )
 from uuv_optical_array.control.formation import RANGE_STDS, FormationSettings
-from uuv_optical_array.control.leader_motion import CHANCE, CHANGE, RATE_STD
+from uuv_optical_array.control.leader_motion import CHANCE, CHANGE
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.tracking.track import Outlier
 
@@ -157,7 +157,7 @@ def test_while_it_coasts_it_keeps_the_station_of_a_leader_that_goes_straight_on(
         pursuit.step()
         # What it was off decays by the gain, once the command has settled.
         decays = math.exp(-OPEN.position_gain_per_s * max(pursuit.now - since - 2.0, 0.0))
-        assert pursuit.off_station() < before * decays + 0.01
+        assert pursuit.off_station() < before * decays + 0.02
     assert pursuit.state == "coasting"
     assert np.abs(pursuit.twist[:3] - speed).max() < 0.01
 
@@ -246,14 +246,14 @@ def test_a_lamp_that_jumps_is_not_followed_while_the_leader_cannot_be_there(asid
         np.testing.assert_allclose(pursuit.twist, without.twist, atol=1e-12)
 
 
-@pytest.mark.parametrize(("share", "taken"), [(0.5, True), (2.0, False)])
+@pytest.mark.parametrize(("share", "taken"), [(0.5, True), (2.5, False)])
 def test_a_lamp_where_the_leader_cannot_be_by_now_is_another_one(share, taken):
     """Aside of a leader that goes straight on, and may have turned or sped up since."""
     pursuit, last_s = dark()
     pursuit.run(3.0)
     assert pursuit.state == "coasting"
     since = pursuit.now - last_s
-    may_be_off = RATE_STD[1] ** 2 * since**2 + CHANGE[1] ** 2 * since**3 / 3
+    may_be_off = CHANGE[1] ** 2 * since**3 / 3
     aside = share * math.sqrt(chdtri(3, CHANCE) * may_be_off)
     pursuit.light, pursuit.aside = True, np.array([0.0, aside, 0.0])
     pursuit.step()

@@ -42,10 +42,11 @@ def at(x, y=0.0, z=0.0, pitch=0.0, yaw=0.0):
     return [x, y, z, pitch, yaw]
 
 
-def gone(speed, turn=(0.0, 0.0)):
-    """Return a leader that was at the origin as its light went, at a speed and turn."""
-    rate = np.array([*-np.array(speed), *-np.array(turn)], dtype=float)
-    return LeaderMotion(0.0, np.zeros(5), 1e-4 * np.eye(5), rate)
+def gone(speed):
+    """Return a leader that was at the origin as its light went, at a speed."""
+    motion = LeaderMotion(0.0, np.zeros(5), 1e-4 * np.eye(5))
+    motion.speed = np.array(speed, dtype=float)
+    return motion
 
 
 @pytest.mark.parametrize("turn", [0.1, -0.25])

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
+from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.control.leader_motion import (
     ALIKE_S,
@@ -28,9 +29,11 @@ def moved(by):
 
 
 def gone(speed=(0.5, 0.0, 0.0), turn=(0.0, 0.0), pose=STATION, covariance=None):
-    """Return a leader of a speed and turn, by the pose at which its light went."""
-    rate = np.concatenate([speed + np.cross([0.0, *turn], pose[:3]), turn])
-    return LeaderMotion(0.0, pose, 1e-4 * np.eye(5) if covariance is None else covariance, -rate)
+    """Return a leader whose speed and turn are known by a tenth of `RATE_STD`."""
+    motion = LeaderMotion(0.0, pose, 1e-4 * np.eye(5) if covariance is None else covariance)
+    motion.speed, motion.turn = np.array(speed, dtype=float), np.array(turn, dtype=float)
+    motion.covariance[5:, 5:] /= 100
+    return motion
 
 
 def later(motion, seconds, step=0.01, twist=(0.0,) * 5, begin=0.0):
@@ -47,8 +50,10 @@ def test_a_leader_goes_straight_on_and_is_less_and_less_known(speed, pose):
     np.testing.assert_allclose(motion.heading, 0, atol=1e-12)
     # A random walk of the velocity, and its integral.
     begun = gone(speed, pose=pose).covariance
-    of_rate = np.square(RATE_STD) + np.square(CHANGE) * 6.0
-    of_pose = begun.diagonal()[:5] + np.square(RATE_STD) * 36.0 + np.square(CHANGE) * 6.0**3 / 3
+    of_rate = np.square(RATE_STD / 10) + np.square(CHANGE) * 6.0
+    of_pose = (
+        begun.diagonal()[:5] + np.square(RATE_STD / 10) * 36.0 + np.square(CHANGE) * 6.0**3 / 3
+    )
     np.testing.assert_allclose(motion.covariance.diagonal()[5:], of_rate, rtol=1e-9)
     np.testing.assert_allclose(motion.covariance.diagonal()[:5], of_pose, rtol=1e-4)
     assert motion.unseen_s == pytest.approx(6.0)
@@ -143,3 +148,20 @@ def test_a_lamp_behind_the_darkest_cloud_is_kept_off_exactly(range_m):
     """Its light is that of the inverse square, less what the cloud takes."""
     peak = 600.0 * (4.5 / range_m) ** 2 * LEFT_BY_CLOUDS
     assert Glow(0.0, 0.0, peak).nearest_m(4.5, 600.0) == pytest.approx(range_m)
+
+
+def test_the_rate_is_learnt_from_poses():
+    """Of a leader that goes and turns steadily, with a follower that stays where it is."""
+    motion, turn = LeaderMotion(0.0, STATION, 1e-4 * np.eye(5)), np.array([0.0, 0.05])
+    for k in range(1, 41):
+        heading = 0.1 * k * turn[1]
+        arc = np.array([math.sin(heading), 1 - math.cos(heading), 0.0]) * 0.4 / turn[1]
+        back = np.array(
+            [[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]]
+        )
+        pose = [*(back @ (STATION[:2] - arc[:2])), 0.0, 0.0, -heading]
+        motion.advance(0.1 * k, np.zeros(5))
+        assert motion.expects(np.array(pose), 1e-4 * np.eye(5))
+        motion.see(np.array(pose), 1e-4 * np.eye(5))
+    np.testing.assert_allclose(motion.speed, [0.4, 0, 0], atol=0.03)
+    np.testing.assert_allclose(motion.turn, turn, atol=0.01)

@@ -288,7 +288,7 @@ def test_it_coasts_for_its_time_after_the_last_word_and_no_longer_than_a_search(
 def test_a_filter_of_the_leader_weighs_what_it_hears():
     turned = Rotation.from_euler("z", 0.7).as_matrix()
     shown = 0.01 * np.eye(5)
-    leader = LeaderMotion(0.0, np.array([-4.5, 0, 0, 0, 0]), shown, np.zeros(5))
+    leader = LeaderMotion(0.0, np.array([-4.5, 0, 0, 0, 0]), shown)
     leader.heading = np.array([0.0, 0.7])
     rates, told = leader.covariance[5:, 5:].copy(), np.diag([4e-3, 1e-3, 9e-3, 1e-3, 2e-3])
     leader.hear(TWIST, told)

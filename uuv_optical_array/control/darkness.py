@@ -27,6 +27,7 @@ LostAction = Literal["hold", "surface", "disengage"]
 
 # A place is chosen anew so long after the last choice, where it is not reached, and where it is.
 MOST_S, ARRIVED_S, ARRIVED_M = 25.0, 2.0, 1.0
+GLIMPSE_S = 8.0  # for which a glimpse leads that no other follows
 PASSING_M = 0.5  # beyond the minimum distance, at which a lamp that may have stopped is passed
 # By how much it turns to light at the array's edge, rad; so long after the last pose of it, s.
 TURN_RAD, PITCH_RAD, TURNING_S = 0.8, 0.2, 1.0
@@ -101,12 +102,12 @@ class Darkness:
         self._settings, self._search, self._lit = settings, search, seen and seen.lit
         self._station = np.array([*settings.station_m, 0.0, 0.0])
         self._now_s, self._planned_s, self._goal = now_s, -math.inf, Goal(-1, 0.0)
-        self._glimpsed_s = -math.inf
+        self._glimpsed_s = math.inf  # never
         self._glow: Glow | None = None  # of the newest image
         self.search_from_s = 0.0
         self._belief = LeaderBelief.at_start(search)
         # As something of the leader's light was seen last, and where the follower was.
-        self._last = self.motion = LeaderMotion(now_s, self._station, np.eye(5), np.zeros(5))
+        self._last = self.motion = LeaderMotion(now_s, self._station, np.eye(5))
         self._margin_m = 0.0
         self._stopped = seen is not None  # whether the leader may be where it was seen
         if seen is not None:
@@ -209,7 +210,7 @@ class Darkness:
         Towards light without a pose it turns.
         """
         glow = self._glow
-        if glow is not None and now_s - self._glimpsed_s > TURNING_S:
+        if glow is not None and abs(now_s - self._glimpsed_s) > TURNING_S:
             error = np.array([0.0, 0.0, 0.0, -PITCH_RAD * glow.up, TURN_RAD * glow.to_port])
             return Aim(error, np.zeros(5), self._to_body, self._last_seen())
         goal = self._place(now_s)
@@ -244,6 +245,10 @@ class Darkness:
 
     def _place(self, now_s: float) -> Array:
         """Return the place to look from, chosen anew once it was reached or takes too long."""
+        if self._glimpsed_s < now_s - GLIMPSE_S:
+            self._glimpsed_s = math.inf
+            self._belief.forget_glimpse()
+            self._planned_s = -math.inf
         place = self._chosen()
         arrived = float(np.linalg.norm(place - self.own[:3])) < ARRIVED_M
         if now_s < self._planned_s + (ARRIVED_S if arrived else MOST_S):

@@ -181,7 +181,7 @@ class Following:
         self._note_seen(stamp_s, pose, covariance)
         if self.state.name in ("locked", "disengaged"):
             return
-        if covariance[3:, 3:].trace() > MOST_TURNED_RAD**2:
+        if dark is not None and covariance[3:, 3:].trace() > MOST_TURNED_RAD**2:
             self._settling.clear()  # a heading to go by is to be known
         elif self._settled(stamp_s) or sure:
             found = f"light came back {dark.found(pose)}" if dark else "the leader's light steers"
@@ -212,7 +212,7 @@ class Following:
             motion = self._seen.motion
             motion.see(pose, covariance)
         else:  # the first, or one too near to be refused
-            motion = LeaderMotion(stamp_s, pose, covariance, track.leader_rate)
+            motion = LeaderMotion(stamp_s, pose, covariance)
         lit = None
         if self._glow is not None:
             lit = float(np.linalg.norm(pose[:3])), self._glow.peak

@@ -194,6 +194,10 @@ class LeaderBelief:
             return Goal(len(self.weights) - 1, 1.0)
         return None
 
+    def forget_glimpse(self) -> None:
+        """Take what was glimpsed for false."""
+        self.weights = self._prior.copy()
+
     def goal(self, own: Array, station: Array, speed_m_per_s: float) -> Goal:
         """Return the place from which most leaders would be seen, and soon, for a while.
 

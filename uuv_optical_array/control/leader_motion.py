@@ -20,11 +20,11 @@ from uuv_optical_array.estimation.tracking.track import Outlier
 
 TURN_S = 5.0  # time constant with which a turn ends
 MOST_SPEED, MOST_TURN = 2.0, 0.6  # of a leader, m/s and rad/s: beyond them is noise
-# Standard deviations of the rate as the light goes, m/s and rad/s, and by which it changes in a
-# second: leaders that speed up, brake and turn.
-RATE_STD = np.repeat([0.06, 0.03], [3, 2])
+# Standard deviations of the rate of a leader, m/s and rad/s, and by which it changes in a second:
+# leaders that speed up, brake and turn.
+RATE_STD = np.repeat([0.5, 0.2], [3, 2])
 CHANGE = np.repeat([0.1, 0.05], [3, 2])
-KNOWN = 2.5  # times the former, below which what is told says how the leader goes on
+KNOWN = 0.3  # of the former, below which what is told says how the leader goes on
 MOST_STEP_S = 5.0  # beyond it a clock was set
 ALIKE_S = 1.0  # for which errors of what is seen are alike
 CHANCE = 1e-3  # that the leader is taken for another lamp
@@ -64,12 +64,11 @@ class LeaderMotion:
     - unseen_s: time since something of the leader's light was seen, s.
     """
 
-    def __init__(self, now_s: float, pose: Array, covariance: Array, leader_rate: Array) -> None:
-        """Begin with a pose, its covariance and its rate by the leader's motion, as of a track."""
+    def __init__(self, now_s: float, pose: Array, covariance: Array) -> None:
+        """Begin with a pose and its covariance; of the rate a track that begins knows little."""
         self.own, self._now_s = pose.copy(), now_s
-        self.turn = np.clip(-leader_rate[3:], -MOST_TURN, MOST_TURN)
-        speed = -leader_rate[:3] - turning(self.turn, pose[:3])
-        self.speed = np.clip(speed, -MOST_SPEED, MOST_SPEED)
+        self.speed: Array = np.zeros(3)
+        self.turn: Array = np.zeros(2)
         self.place: Array = np.zeros(3)
         self.heading: Array = np.zeros(2)
         slopes = _slopes(pose, np.zeros(2))

@@ -156,10 +156,8 @@ def test_the_rate_is_learnt_from_poses():
     for k in range(1, 41):
         heading = 0.1 * k * turn[1]
         arc = np.array([math.sin(heading), 1 - math.cos(heading), 0.0]) * 0.4 / turn[1]
-        back = np.array(
-            [[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]]
-        )
-        pose = [*(back @ (STATION[:2] - arc[:2])), 0.0, 0.0, -heading]
+        back = Rotation.from_euler("z", -heading)
+        pose = [*back.apply(STATION[:3] - arc), 0.0, -heading]
         motion.advance(0.1 * k, np.zeros(5))
         assert motion.expects(np.array(pose), 1e-4 * np.eye(5))
         motion.see(np.array(pose), 1e-4 * np.eye(5))

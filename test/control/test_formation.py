@@ -1,5 +1,6 @@
 """The formation law: its signs, its closed loops, lost light, and the law written a second time."""
 
+import math
 from contextlib import suppress
 from dataclasses import replace
 
@@ -23,11 +24,17 @@ from followers import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from tracks import turned
 
 from uuv_optical_array.control.bluerov2 import BlueRov2
-from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.formation import (
+    CRAB_GAIN,
+    CRAB_RAD,
+    FormationController,
+    FormationSettings,
+)
 from uuv_optical_array.control.sea import Sea
 from uuv_optical_array.control.vehicles import Vehicle
 from uuv_optical_array.core.errors import NoPose
@@ -211,8 +218,24 @@ def test_speed_and_acceleration_stay_within_their_limits(frames):
         before = command
 
 
-@pytest.mark.parametrize("station_m", [(-6.0, 0.0, 0.0), (-3.0, 1.5, -0.7)])
-def test_each_command_is_that_of_the_law_written_a_second_time(station_m):
+def crab(velocity, most):
+    """Return the least turn of a vehicle after which a velocity takes no more sway than it has."""
+    way = math.atan2(velocity[1], velocity[0])
+
+    def beyond(turn):
+        return math.hypot(*velocity) * abs(math.sin(way - turn)) - most
+
+    bound = math.copysign(CRAB_RAD, way)
+    if beyond(0.0) <= 0 or velocity[0] < 0:
+        return 0.0
+    return bound if beyond(bound) > 0 else brentq(beyond, 0.0, bound, xtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("station_m", "drift"),
+    [((-6.0, 0.0, 0.0), 0.0), ((-3.0, 1.5, -0.7), 0.0), ((-6.0, 0.0, 0.0), 1.3)],
+)
+def test_each_command_is_that_of_the_law_written_a_second_time(station_m, drift):
     # No two alike that could stand for each other.
     s = FormationSettings(
         station_m=station_m,
@@ -228,7 +251,7 @@ def test_each_command_is_that_of_the_law_written_a_second_time(station_m):
     hardest = np.array([*[s.max_acceleration_m_per_s2] * 3, *turns[2:]])
     gains = np.array([s.position_gain_per_s] * 3 + [s.attitude_gain_per_s] * 2)
     controller, commands, command = FormationController(s), [(0, np.zeros(5))], np.zeros(5)
-    now, newest = 0, None
+    now, newest, crabs = 0, None, []
 
     def commanded(stamp):
         return next(twist for since, twist in reversed(commands) if since <= stamp)
@@ -239,6 +262,7 @@ def test_each_command_is_that_of_the_law_written_a_second_time(station_m):
             stamp = now - 40_000_000
             pose = station + [0.8, -0.4, 0.3, 0.15, -0.2] + 0.5 * spread @ rng.standard_normal(5)
             rate = rng.standard_normal(5) * [0.3, 0.2, 0.2, 0.1, 0.1]
+            rate[:2] += -0.5 * drift, drift * rng.choice([-1, 1])
             if newest is None or stamp > newest[0]:
                 controller.update(stamp * 1e-9, pose, PUBLISHED, rate)
                 newest = stamp, pose, rate - turned(pose, commanded(stamp))
@@ -250,6 +274,9 @@ def test_each_command_is_that_of_the_law_written_a_second_time(station_m):
         present = pose + (now - stamp) * 1e-9 * leader + turned(pose, 1e-3 * own)
         wanted = gains * (station - present) - leader
         wanted[:3] = Rotation.from_euler("ZYX", [present[4], present[3], 0]).inv().apply(wanted[:3])
+        ahead = Rotation.from_euler("z", present[4]).apply([*wanted[:2], 0.0])[:2]
+        crabs.append(crab(ahead, s.max_sway_m_per_s))
+        wanted[4] += CRAB_GAIN * s.attitude_gain_per_s * crabs[-1]
         wanted = np.clip(wanted, -fastest, fastest)
         elapsed = (now - before) * 1e-9 if len(commands) > 1 else 0.0
         change = (wanted - command) * min(elapsed / s.smoothing_s, 1.0)
@@ -258,6 +285,7 @@ def test_each_command_is_that_of_the_law_written_a_second_time(station_m):
         assert answer == pytest.approx([*command[:3], 0, *command[3:]], rel=1e-7, abs=1e-9)
         commands.append((now, command))
     assert (np.abs([twist for _, twist in commands]).max(axis=0) > 0.03).all()
+    assert (np.count_nonzero(crabs) > 20) == (drift > 0)
 
 
 def test_a_new_station_keeps_what_is_known_of_the_leader():

@@ -8,6 +8,8 @@ predicted pose. So nothing lags at a steady speed or turn of the leader or in a 
 which looks like a motion of the leader, and there is no integral to wind up.
 
 The station is a place behind the lamp, on the beam's axis or beside it, and turns with the leader.
+Behind a leader that turns fast it sweeps aside faster than a vehicle sways; then the bow turns into
+the way, as far as the array still sees the lamp, and surge does what sway cannot.
 
 The follower keeps a minimum distance to the lamp. Its nearest possible range is that of the
 predicted or of the newest pose, whichever is less, less `RANGE_STDS` standard deviations of the
@@ -46,6 +48,9 @@ from uuv_optical_array.estimation.tracking.motion import OwnMotion, checked_rate
 STATION = Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
 RANGE_STDS = 3.0  # how far a range may err, in standard deviations
 MOST_UNCERTAIN = 0.5  # of a range, that it may err and still steer
+# By how much the bow turns at most from the heading that is wanted, while the array sees the lamp,
+# rad, and how much sooner than to another heading.
+CRAB_RAD, CRAB_GAIN = 0.7, 2.0
 MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 
 
@@ -290,6 +295,7 @@ class FormationController:
         error, speed, to_body, lamps = aim
         wanted = self._gain * error + speed
         wanted[:3] = to_body @ wanted[:3]
+        wanted[YAW] += CRAB_GAIN * self._gain[YAW] * self._crab(wanted[:2], float(error[YAW]))
         wanted = np.clip(wanted, -self._max_rate, self._max_rate)
         change = (wanted - self._rate) * min(elapsed_s / self._settings.smoothing_s, 1.0)
         slew = self._max_slew * elapsed_s
@@ -297,6 +303,21 @@ class FormationController:
         for lamp in lamps:
             rate[:3] = self._kept_off(rate[:3], *lamp, float(slew[0]))
         return rate
+
+    def _crab(self, velocity: Array, turn: float) -> float:
+        """Return by how much to turn the bow into a wanted velocity that is faster than the sway.
+
+        - velocity: surge and sway, m/s, ``(2,)``; turn: to the heading that is wanted, rad.
+        """
+        speed = math.hypot(*velocity)
+        most = self._settings.max_sway_m_per_s
+        if speed <= most:
+            return 0.0
+        way = math.remainder(math.atan2(velocity[1], velocity[0]) - turn, 2 * math.pi)
+        beyond = abs(way) - math.asin(most / speed)
+        if beyond <= 0 or abs(way) > math.pi / 2:
+            return 0.0
+        return math.copysign(min(beyond, CRAB_RAD), way)
 
     def _kept_off(
         self, velocity: Array, nearest_m: float, away: Array, drift: float, slew: float

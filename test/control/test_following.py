@@ -213,6 +213,16 @@ def test_light_that_came_back_steers_once_it_has_settled(name):
     assert pursuit.off_station() < 0.05
 
 
+@pytest.mark.parametrize(("period", "settles"), [(2, True), (3, False)])
+def test_poses_of_fewer_than_half_of_the_images_do_not_settle(period, settles):
+    """Every other image, or every third: the first and the last of them are poses."""
+    pursuit = Pursuit()
+    while pursuit.now < 10.0:
+        pursuit.light = pursuit.tick % period == 0
+        pursuit.step()
+    assert (pursuit.state == "locked") == settles
+
+
 def test_light_in_glimpses_farther_apart_than_the_timeout_never_settles():
     pursuit, _ = dark()
     pursuit.until("searching")

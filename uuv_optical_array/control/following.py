@@ -74,6 +74,7 @@ class Following:
         self.state = State("waiting", math.nan, "no pose has come yet")
         self._dark: Darkness | None = None
         self._settling: list[float] = []  # stamps of the poses that agree
+        self._images = 0  # since the first of them
         self._image_s = -math.inf
         self._glow: Glow | None = None  # of the newest image
         self._seen: Seen | None = None  # of the leader, by poses that steered
@@ -103,6 +104,7 @@ class Following:
         turn in a search.
         """
         self._image_s, self._glow = stamp_s, glow
+        self._images += 1
         if math.isnan(self._began_s):
             self._began_s = stamp_s
 
@@ -219,12 +221,15 @@ class Following:
         self._seen = Seen(motion, copy(motion), track.margin_m, lit)
 
     def _settled(self, stamp_s: float) -> bool:
-        """Say whether poses up to this one have agreed for long enough."""
+        """Say whether poses up to this one, of most images, have agreed for long enough."""
         timeout_s = self._settings.light_timeout_s
         if self._settling and not 0 <= stamp_s - self._settling[-1] <= timeout_s:
             self._settling.clear()
+        if not self._settling:
+            self._images = 1
         self._settling.append(stamp_s)
-        return stamp_s - self._settling[0] >= self._search.settle_s
+        often = 2 * len(self._settling) > self._images
+        return often and stamp_s - self._settling[0] >= self._search.settle_s
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:
         """Return the twist to command at the present, s; ``None`` where there is nothing to do.

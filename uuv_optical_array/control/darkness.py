@@ -109,6 +109,7 @@ class Darkness:
         # As something of the leader's light was seen last, and where the follower was.
         self._last = self.motion = LeaderMotion(now_s, self._station, np.eye(5))
         self._margin_m = 0.0
+        self._stray_m = 0.0  # by which poses were off the expected leader at most
         self._stopped = seen is not None  # whether the leader may be where it was seen
         if seen is not None:
             self.motion, self._last, self._margin_m = seen.motion, seen.last, seen.margin_m
@@ -157,6 +158,7 @@ class Darkness:
     def expected(self, pose: Array, covariance: Array) -> bool:
         """Say whether a pose is where the leader surely is; Outlier where it cannot be by now."""
         self.motion.check(pose, covariance)
+        self._stray_m = max(self._stray_m, self.motion.off_m(pose))
         likely = self.motion.expects(pose, covariance, LIKELY)
         sure = likely and self.motion.place_std_m < SURE_M
         self.motion.see(pose, covariance)
@@ -188,7 +190,7 @@ class Darkness:
         after = f"after {self.age_s:.1f} s"
         if not self._stopped:
             return after
-        off_m = self.motion.off_m(pose)
+        off_m = max(self._stray_m, self.motion.off_m(pose))
         doubt = off_m > OTHER_M + self.motion.place_std_m
         other = "; it may be another lamp" * doubt
         return f"{after}, {off_m:.1f} m from where the leader was expected{other}"

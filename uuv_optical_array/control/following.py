@@ -93,7 +93,9 @@ class Following:
         """Steer from the next pose on, or leave the follower to others; nothing is remembered."""
         self._law = FormationController(self._settings)
         self._begin()
-        if not wanted:
+        if wanted:
+            self.state = State("waiting", now_s, "no pose has come since it was engaged")
+        else:
             self.state = State("disengaged", now_s, "the follower is left to others")
 
     def looked(self, stamp_s: float, glow: Glow | None = None) -> None:
@@ -269,7 +271,7 @@ class Following:
             return
         if now_s - self._began_s > start_s:
             self._go_dark(now_s, None)
-            self._to("searching", now_s, "no light since the start")
+            self._to("searching", now_s, "no light to steer by since it waits")
 
     def _images_come(self, now_s: float) -> bool:
         return abs(now_s - self._image_s) <= IMAGES_S

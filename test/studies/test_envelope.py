@@ -273,3 +273,12 @@ def test_the_picture_has_a_line_for_each_kind_below_its_group():
     assert shown == expected
     assert len(shares) == 3
     assert len({axes.get_ylim() for axes in shares}) == 1
+
+
+def test_the_envelope_in_words_is_told_of_all_kinds():
+    rows = [
+        {"kind": kind.name, "lost": 0, "runs": 1, "off_m": 0.5, "back_s": 1.0} for kind in KINDS
+    ]
+    words = dict(line.split("  ", 1) for line in envelope.envelope(rows))
+    assert words["turn through 90 deg (deg/s)"].strip().startswith("up to 30,")
+    assert words["darkness, leader straight on (s)"].strip().startswith("up to 60,")

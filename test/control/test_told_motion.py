@@ -15,6 +15,7 @@ from uuv_optical_array.control.told_motion import (
     CHANGES,
     MOST_STDS,
     OLDEST_S,
+    Message,
     Told,
     ToldMotion,
     as_rate,
@@ -41,7 +42,7 @@ def agreed(leader, since_s=0.0):
         stamp_s = since_s + 0.1 * i
         leader.light(stamp_s, POSE, rate, 1e-3 * np.eye(5))
         assert leader.told(stamp_s) is None
-        leader.take(stamp_s, stamp_s, LINEAR, ANGULAR, MODEM)
+        leader.take(stamp_s, Message(stamp_s, LINEAR, ANGULAR, MODEM))
     return stamp_s
 
 
@@ -86,7 +87,7 @@ def test_what_is_told_and_what_light_shows_are_weighed_by_their_information():
     six[np.ix_([0, 1, 2, 4, 5], [0, 1, 2, 4, 5])] = told
     leader = ToldMotion()
     agreed(leader, 0.5)
-    leader.take(1.2, 1.0, LINEAR, ANGULAR, six)
+    leader.take(1.2, Message(1.0, LINEAR, ANGULAR, six))
     rate, spread = as_rate(Told(1.0, TWIST, told), POSE, 0.3)
     light = rate + np.sqrt(shown.diagonal()) * [1, -1, 1, -1, 1]
     inverse = np.linalg.inv
@@ -104,11 +105,11 @@ def test_the_law_goes_by_both():
     told, shown = np.diag([0.02**2] * 6), 0.01 * np.eye(5)
     law = FormationController(OPEN)
     agreed(law.leader, 4.5)
-    law.leader.take(5.0, 5.0, LINEAR, ANGULAR, told)
+    law.leader.take(5.0, Message(5.0, LINEAR, ANGULAR, told))
     law.update(5.0, POSE, 1e-4 * np.eye(5), SHOWN, shown)
     beside = ToldMotion()
     agreed(beside, 4.5)
-    beside.take(5.0, 5.0, LINEAR, ANGULAR, told)
+    beside.take(5.0, Message(5.0, LINEAR, ANGULAR, told))
     by_both = beside.fused(5.0, POSE, SHOWN, shown)  # no command: the rate is the leader's
     assert np.abs(by_both - SHOWN).max() > 0.05
     np.testing.assert_allclose(law.last.leader_rate, by_both)
@@ -142,11 +143,11 @@ def test_a_motion_that_cannot_be_is_refused_and_the_one_before_stays(
 ):
     leader = ToldMotion()
     agreed(leader, 8.5)
-    leader.take(9.2, 9.0, LINEAR, ANGULAR, MODEM)
+    leader.take(9.2, Message(9.0, LINEAR, ANGULAR, MODEM))
     with pytest.raises(ValueError, match=reason):
-        leader.take(10.0, stamp_s, linear, ANGULAR, covariance)
+        leader.take(10.0, Message(stamp_s, linear, ANGULAR, covariance))
     assert leader.told(10.0).stamp_s == 9.0
-    leader.take(10.0, 9.6, LINEAR, ANGULAR, MODEM)
+    leader.take(10.0, Message(9.6, LINEAR, ANGULAR, MODEM))
     assert leader.told(10.0).stamp_s == 9.6
 
 
@@ -155,15 +156,15 @@ def test_who_is_wrong_in_the_light_is_not_believed_until_three_in_a_row_agree_wi
     now_s = agreed(leader)
     assert leader.told(now_s).stamp_s == now_s
     with pytest.raises(ValueError, match="false motion"):
-        leader.take(now_s + 0.2, now_s + 0.2, LINEAR + AHEAD, ANGULAR, MODEM)
+        leader.take(now_s + 0.2, Message(now_s + 0.2, LINEAR + AHEAD, ANGULAR, MODEM))
     for i in range(4, 9):  # without light to agree with
-        leader.take(now_s + i, now_s + i, LINEAR, ANGULAR, MODEM)
+        leader.take(now_s + i, Message(now_s + i, LINEAR, ANGULAR, MODEM))
         assert leader.told(now_s + i) is None
     now_s = agreed(leader, 20.0)
     assert leader.told(now_s).stamp_s == now_s
     with pytest.raises(ValueError, match="false motion"):  # which no light shows so late
-        leader.take(40.0, 40.0, LINEAR + 9 * AHEAD, ANGULAR, MODEM)
-    leader.take(41.0, 41.0, LINEAR + AHEAD, ANGULAR, MODEM)
+        leader.take(40.0, Message(40.0, LINEAR + 9 * AHEAD, ANGULAR, MODEM))
+    leader.take(41.0, Message(41.0, LINEAR + AHEAD, ANGULAR, MODEM))
     assert leader.told(41.0).stamp_s == 41.0
 
 
@@ -177,14 +178,14 @@ def test_it_is_judged_by_the_light_of_its_own_time():
         leader.light(now_s, POSE, rate, 1e-6 * np.eye(5))
         if now_s >= late_s:
             then = [0.0, 0.0, 0.0 if now_s - late_s < 3.0 - 1e-6 else 0.35]
-            leader.take(now_s, now_s - late_s, LINEAR, ANGULAR + then, 1e-3 * MODEM)
+            leader.take(now_s, Message(now_s - late_s, LINEAR, ANGULAR + then, 1e-3 * MODEM))
 
 
 def test_a_clock_that_is_set_back_begins_anew():
     leader = ToldMotion()
     assert leader.told(agreed(leader, 1000.0)) is not None
     assert leader.told(5.0) is None
-    leader.take(5.0, 4.5, LINEAR, ANGULAR, MODEM)
+    leader.take(5.0, Message(4.5, LINEAR, ANGULAR, MODEM))
     assert leader.told(5.0).stamp_s == 4.5
 
 
@@ -220,7 +221,7 @@ class Heard(Pursuit):
                 np.diag(self.stds**2),
             )
             try:
-                self.following.leader_moves(self.now, tick * TICK_S, *told)
+                self.following.leader_moves(self.now, Message(tick * TICK_S, *told))
             except ValueError as reason:
                 self.refusals.append(str(reason).partition(":")[0])
         self.motions.append((self.speed.copy(), self.turn))

@@ -431,13 +431,14 @@ def test_it_goes_by_what_its_leader_tells_where_it_is_told_to(lab):
         lab.until(lambda: len(heard) > before, "the motion")
 
     def expect(surge):
-        now_s, stamp_s, linear, angular, covariance = heard[-1]
+        now_s, message = heard[-1]
+        stamp_s, linear, angular, covariance = message
         assert (now_s, stamp_s) == pytest.approx((helm.now * 1e-9, helm.now * 1e-9 - 0.3))
         np.testing.assert_allclose(angular, [0, 0.05, 0.3])
         lever = np.cross([0, 0.05, 0.3], lamp)
         np.testing.assert_allclose(linear, np.array([surge, 0.1, 0]) + lever)
         assert covariance[0, 0] == pytest.approx(0.02**2 + (0.2 * 0.01) ** 2 + (0.1 * 0.02) ** 2)
-        return now_s, stamp_s, linear, angular, covariance
+        return now_s, message
 
     law, rate, known = helm.law, np.array([-0.2, 1.2, 0.0, 0.0, -0.2]), np.eye(5)
     untold = Following(FormationSettings(station_m=tuple(STATION[:3])), helm.search)

@@ -12,6 +12,7 @@ from uuv_optical_array.control.following import Following, State
 from uuv_optical_array.control.leader_motion import Glow
 from uuv_optical_array.control.leader_path import LeaderPath, lead, leader_twist
 from uuv_optical_array.control.sea import STILL_SEA, Sea
+from uuv_optical_array.control.told_motion import Message
 from uuv_optical_array.control.vehicles import Vehicle
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, relative_pose
@@ -38,15 +39,6 @@ class Light(NamedTuple):
     others: Sequence[Other] = ()
 
 
-class Message(NamedTuple):
-    """A leader's motion, as it reaches a follower; fields as of `Following.leader_moves`."""
-
-    stamp_s: float
-    linear: Array
-    angular: Array
-    covariance: Array
-
-
 class Swimmer:
     """A follower: its vehicle, what makes its images, and what answers them.
 
@@ -69,8 +61,8 @@ class Swimmer:
         Range from the lamp and its standard deviation, m, that its estimator is given of the true
         one, m, and the time, s; ``None``: there is none then.
     modem
-        What comes of the motion of the vehicle whose lamp it follows, at the time, s: stamp and
-        the rest as `Following.leader_moves` takes it; ``None``: nothing.
+        What the vehicle whose lamp it follows tells of its motion, as it comes at the time, s;
+        ``None``: nothing.
     """
 
     def __init__(
@@ -174,7 +166,7 @@ class ClosedLoop:
         message = swimmer.modem(self._ahead(swimmer), self.t_s)
         if message is not None:
             with suppress(ValueError):  # it is refused
-                swimmer.following.leader_moves(self.t_s, *message)
+                swimmer.following.leader_moves(self.t_s, message)
         answer = swimmer.pipeline.answer(stamp_ns, image, swimmer.roll)
         swimmer.following.looked(self.t_s, glow(image, swimmer.pipeline.least_counts))
         track = answer.track

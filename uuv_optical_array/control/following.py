@@ -34,6 +34,7 @@ from uuv_optical_array.control.formation import (
     nanoseconds,
 )
 from uuv_optical_array.control.leader_motion import Glow, LeaderMotion
+from uuv_optical_array.control.told_motion import Message
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.tracking.measurement import checked_pose
@@ -118,27 +119,14 @@ class Following:
         """
         self._measured = stamp_s, np.concatenate([linear, np.asarray(angular)[1:]]).astype(float)
 
-    def leader_moves(
-        self,
-        now_s: float,
-        stamp_s: float,
-        linear: ArrayLike,
-        angular: ArrayLike,
-        covariance: ArrayLike,
-    ) -> None:
+    def leader_moves(self, now_s: float, message: Message) -> None:
         """Take the leader's own motion, as it is told, at the present, s.
 
         It is weighed with what the light shows; without light a follower that coasts goes by it.
-
-        - stamp_s: when the leader moved so, s, later than the one before.
-        - linear, angular: velocity of the lamp through the water and turn, in the leader's frame,
-          m/s and rad/s, ``(3,)`` each. The roll rate does not count.
-        - covariance: of both, ``(6, 6)``, positive definite but for the roll rate's.
-        - ValueError: for what is not finite or out of bounds, a stamp that is not later, too old
-          or ahead, and a motion that the light contradicts; three in a row have to agree with it
-          before one counts.
+        Three in a row have to agree with the light before one counts. Errors are those of
+        `ToldMotion.take`.
         """
-        self._law.leader.take(now_s, stamp_s, linear, angular, covariance)
+        self._law.leader.take(now_s, message)
 
     def search(self, now_s: float) -> None:
         """Search for the leader now, from where the follower is, and for the whole time."""

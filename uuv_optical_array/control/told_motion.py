@@ -32,10 +32,24 @@ FIVE = [0, 1, 2, 4, 5]  # of a twist, without the roll rate
 UNITS = ("m/s", "m/s", "m/s", "rad/s", "rad/s")
 
 
-class Told(NamedTuple):
-    """A leader's motion as it was told.
+class Message(NamedTuple):
+    """A leader's motion, as it is told.
 
-    - stamp_s: when it moved so, s.
+    - stamp_s: when it moved so, s, later than the one before.
+    - linear, angular: velocity of the lamp through the water and turn, in the leader's frame, m/s
+      and rad/s, ``(3,)`` each. The roll rate does not count.
+    - covariance: of both, ``(6, 6)``, positive definite but for the roll rate's.
+    """
+
+    stamp_s: float
+    linear: ArrayLike
+    angular: ArrayLike
+    covariance: ArrayLike
+
+
+class Told(NamedTuple):
+    """A `Message` that was checked.
+
     - twist: of the lamp in the leader's axes: surge, sway, heave, pitch and yaw rate, ``(5,)``.
     - covariance: of `twist`, ``(5, 5)``.
     """
@@ -72,25 +86,18 @@ class ToldMotion:
         self._agreed = 0  # how many in a row
         self._shown: list[_Shown] = []  # of the last `OLDEST_S` of light
 
-    def take(
-        self,
-        now_s: float,
-        stamp_s: float,
-        linear: ArrayLike,
-        angular: ArrayLike,
-        covariance: ArrayLike,
-    ) -> None:
-        """Take a told motion at the present, s; arguments and errors as `Following.leader_moves`.
+    def take(self, now_s: float, message: Message) -> None:
+        """Take what is told at the present, s.
 
-        ValueError leaves what was told before.
+        ValueError for what is not finite or out of bounds, a stamp that is not later, too old or
+        ahead, and a motion that the light contradicts; it leaves what was told before.
         """
-        told = _checked(now_s, stamp_s, linear, angular, covariance)
-        before = self._told
+        told, before = _checked(now_s, message), self._told
         # A stamp ahead of the present is left from before the clock was set back.
-        if before and stamp_s <= before.stamp_s <= now_s + AHEAD_S:
+        if before and told.stamp_s <= before.stamp_s <= now_s + AHEAD_S:
             raise ValueError(
-                f"stamp not later: {stamp_s:.3f} s came after {before.stamp_s:.3f} s; give each "
-                "motion of the leader its own stamp"
+                f"stamp not later: {told.stamp_s:.3f} s came after {before.stamp_s:.3f} s; give "
+                "each motion of the leader its own stamp"
             )
         self._judge(told)
         self._told = told
@@ -183,10 +190,9 @@ def checked_spread(covariance: ArrayLike) -> Array:
     return spread
 
 
-def _checked(
-    now_s: float, stamp_s: float, linear: ArrayLike, angular: ArrayLike, covariance: ArrayLike
-) -> Told:
+def _checked(now_s: float, message: Message) -> Told:
     """Return what is told, where it can be a motion of late."""
+    stamp_s, linear, angular, covariance = message
     age_s = now_s - stamp_s
     if not age_s <= OLDEST_S:
         raise ValueError(

@@ -21,7 +21,7 @@ from uuv_optical_array.control.darkness import SearchSettings
 from uuv_optical_array.control.following import Following, State
 from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.control.leader_motion import Glow
-from uuv_optical_array.control.told_motion import twist_of_lamp
+from uuv_optical_array.control.told_motion import Message, twist_of_lamp
 from uuv_optical_array.core.geometry import Array, covariance_5x5
 from uuv_optical_array.core.messages import checked_twist, stamp_ns
 from uuv_optical_array.core.settings import Quantity
@@ -199,7 +199,8 @@ class FormationNode(Node):
                 self.parameters["beacon_position_m"], twist, covariance
             )
             stamp_s = stamp_ns(message.header) * 1e-9
-            self.following.leader_moves(self.now_s(), stamp_s, twist[:3], twist[3:], covariance)
+            told = Message(stamp_s, twist[:3], twist[3:], covariance)
+            self.following.leader_moves(self.now_s(), told)
 
     def show_station(self, frame: str) -> None:
         """Show the station in the frame of the lamp, where it is not there yet."""

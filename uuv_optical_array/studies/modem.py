@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from uuv_optical_array.control.closed_loop import Message
+from uuv_optical_array.control.told_motion import Message
 from uuv_optical_array.control.vehicles import Vehicle
 
 PERIOD_S, LATE_S = 1.0, 0.5

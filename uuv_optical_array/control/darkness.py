@@ -106,8 +106,8 @@ class Darkness:
         self._glow: Glow | None = None  # of the newest image
         self.search_from_s = 0.0
         self._belief = LeaderBelief.at_start(search)
-        # As something of the leader's light was seen last, and where the follower was.
-        self._last = self.motion = LeaderMotion(now_s, self._station, np.eye(5))
+        self.motion = LeaderMotion(now_s, self._station, np.eye(5))
+        self._last = copy(self.motion)  # as something of the leader's light was seen last
         self._margin_m = 0.0
         self._stray_m = 0.0  # by which poses were off the expected leader at most
         self._stopped = seen is not None  # whether the leader may be where it was seen
@@ -115,7 +115,7 @@ class Darkness:
             self.motion, self._last, self._margin_m = seen.motion, seen.last, seen.margin_m
         self.age_s = self.motion.unseen_s
         self._heard_s = now_s - self.age_s  # of what was seen or told last
-        self._start, self.held = self._last.own, self.own.copy()
+        self.held = self.own.copy()
         self._stayed = self.own[:3].copy()
 
     @property
@@ -168,7 +168,6 @@ class Darkness:
     def _note_seen(self) -> None:
         if self.unseen_s == 0:
             self._last = copy(self.motion)
-            self._start = self._last.own
 
     def begin_search(self, from_s: float) -> None:
         """Search, by a time from `age_s` 0 on, s: the leader may have gone anywhere since."""
@@ -226,18 +225,19 @@ class Darkness:
         place = self._belief.places[seen]
         ahead = rotation_matrix(*self._belief.headings[seen]) @ self._belief.motion(seen)[0]
         goal, passing = self._around(goal)
-        way = goal - self._start[:3]
+        start = self._last.own
+        way = goal - start[:3]
         length = float(np.linalg.norm(way))
         if length > s.search_distance_m:
-            goal = self._start[:3] + s.search_distance_m / length * way
+            goal = start[:3] + s.search_distance_m / length * way
             moving = np.zeros(3)
-        low, high = self._start[2] - s.search_depth_m, self._start[2] + s.search_depth_m
+        low, high = start[2] - s.search_depth_m, start[2] + s.search_depth_m
         if not low <= goal[2] <= high:
             goal[2], moving[2] = min(max(goal[2], low), high), 0.0
         pitch, yaw = bow_to(place - self.own[:3])
         most = math.radians(s.search_turn_deg)
-        turned = math.remainder(yaw - self._start[YAW], 2 * math.pi)
-        yaw = self._start[YAW] + min(max(turned, -most), most)
+        turned = math.remainder(yaw - start[YAW], 2 * math.pi)
+        yaw = start[YAW] + min(max(turned, -most), most)
         pitch = min(max(pitch, -0.3), 0.3)
         error = wrapped(np.array([*goal, pitch, yaw]) - self.own)
         if passing:

@@ -1,11 +1,11 @@
 """The control law that keeps a follower on station behind the leader, while there is light.
 
 It takes relative pose and rate from the estimator's tracker, subtracts its own command from the
-rate, which leaves the leader's motion, to which what the leader tells is added by its covariance
-(`told_motion`), and predicts the pose to the present by that motion and its
-commands since. It commands the leader's velocity, plus one proportional to the error of the
-predicted pose. So nothing lags at a steady speed or turn of the leader or in a steady current,
-which looks like a motion of the leader, and there is no integral to wind up.
+rate, which leaves the leader's motion, weighs it with what the leader tells (`told_motion`), and
+predicts the pose to the present by that motion and its commands since. It commands the leader's
+velocity, plus one proportional to the error of the predicted pose. So nothing lags at a steady
+speed or turn of the leader or in a steady current, which looks like a motion of the leader, and
+there is no integral to wind up.
 
 The station is a place behind the lamp, on the beam's axis or beside it, and turns with the leader.
 Behind a leader that turns fast it sweeps aside faster than a vehicle sways; then the bow turns into
@@ -102,11 +102,10 @@ class FormationSettings:
 
 
 class LeaderTrack(NamedTuple):
-    """A checked pose, its covariance, by what its range may err, m, and the leader's motion."""
+    """A checked pose, by what its range may err, m, and the leader's motion."""
 
     stamp_ns: int
     pose: Array
-    covariance: Array
     margin_m: float
     leader_rate: Array
 
@@ -198,12 +197,12 @@ class FormationController:
             newest_s = before.stamp_ns * 1e-9
             raise ValueError(f"pose: stamp {stamp_s:.3f} s is not after {newest_s:.3f} s")
         range_m, away = polar(pose[:3])
-        covariance = np.array(covariance, dtype=float)
-        margin_m = _margin_m(covariance, away)
+        along = away @ np.asarray(covariance, dtype=float)[:3, :3] @ away
+        margin_m = RANGE_STDS * math.sqrt(along)
         shown = leader_rate = rate - in_beacon(pose, self._own.twist(stamp_ns))
         if spread is not None:
             leader_rate = self.leader.fused(stamp_s, pose, shown, spread)
-        new = self._newest = LeaderTrack(stamp_ns, pose, covariance, margin_m, leader_rate)
+        new = self._newest = LeaderTrack(stamp_ns, pose, margin_m, leader_rate)
         if range_m > self._settings.min_distance_m and margin_m >= MOST_UNCERTAIN * range_m:
             raise NoPose(
                 f"too uncertain: the range of {range_m:.3g} m has a standard deviation of "
@@ -353,11 +352,6 @@ class FormationController:
 def bow_to(way: Array) -> tuple[float, float]:
     """Return the pitch and yaw, rad, at which the bow points along a way, shape ``(3,)``."""
     return -math.atan2(way[2], math.hypot(way[0], way[1])), math.atan2(way[1], way[0])
-
-
-def _margin_m(covariance: Array, way: Array) -> float:
-    """Return by how much a place of a covariance may err along a unit vector, m."""
-    return RANGE_STDS * math.sqrt(way @ covariance[:3, :3] @ way)
 
 
 def polar(place: Array) -> tuple[float, Array]:

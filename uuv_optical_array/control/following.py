@@ -161,10 +161,10 @@ class Following:
             dark.advance(stamp_s, self._own_twist(stamp_s))
         if dark is not None and self.state.name == "coasting":
             sure = dark.expected(pose, covariance)
-        else:
+        elif dark is not None:
+            dark.glimpse(pose, covariance)
+        elif self.state.name == "locked":
             self._check(stamp_s, pose, covariance)
-            if dark is not None:
-                dark.glimpse(pose, covariance)
         try:
             self._law.update(stamp_s, pose, covariance, rate, rate_covariance)
         except NoPose:
@@ -181,30 +181,27 @@ class Following:
             self._dark = None
 
     def _check(self, stamp_s: float, pose: Array, covariance: Array) -> None:
-        """Raise Outlier for a pose beyond the minimum distance that cannot be the leader's.
-
-        Poses that have not settled yet begin anew with it.
-        """
-        last = self._law.last
-        if self._seen is None or last is None or stamp_s * 1e9 <= last.stamp_ns:
+        """Raise Outlier for a pose beyond the minimum distance that cannot be the leader's."""
+        last, far = self._law.last, np.linalg.norm(pose[:3]) > self._settings.min_distance_m
+        if self._seen is None or last is None or stamp_s * 1e9 <= last.stamp_ns or not far:
             return
-        motion = self._seen.motion
-        motion.advance(stamp_s, self._own_twist(stamp_s))
-        if self.state.name != "locked" and not motion.expects(pose, covariance):
-            self._seen = None
-            self._settling.clear()
-        elif np.linalg.norm(pose[:3]) > self._settings.min_distance_m:
-            motion.check(pose, covariance)
+        self._seen.motion.advance(stamp_s, self._own_twist(stamp_s))
+        self._seen.motion.check(pose, covariance)
 
     def _note_seen(self, stamp_s: float, pose: Array, covariance: Array) -> None:
-        """Let a pose that steers tell of the leader's motion, and of how bright its lamp is."""
-        track = self._law.last
+        """Let a pose tell of the leader's motion, and of how bright its lamp is.
+
+        Poses that have not settled begin anew with one that agrees with none of them.
+        """
+        track, motion = self._law.last, self._seen.motion if self._seen else None
         assert track is not None
-        if self._seen is not None and self._seen.motion.expects(pose, covariance):
-            motion = self._seen.motion
+        if motion is not None:
+            motion.advance(stamp_s, self._own_twist(stamp_s))
+        if motion is not None and motion.expects(pose, covariance):
             motion.see(pose, covariance)
-        else:  # the first, or one too near to be refused
+        else:
             motion = LeaderMotion(stamp_s, pose, covariance)
+            self._settling.clear()
         lit = None
         if self._glow is not None:
             lit = float(np.linalg.norm(pose[:3])), self._glow.peak

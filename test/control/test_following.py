@@ -150,14 +150,14 @@ def test_no_pose_steers_before_those_of_the_start_have_settled():
 
 @pytest.mark.parametrize("speed", [(0.5, 0.0, 0.0), (0.9, 0.1, -0.1), (0.0, 0.0, 0.0)])
 def test_while_it_coasts_it_keeps_the_station_of_a_leader_that_goes_straight_on(speed):
-    pursuit, _ = dark(speed=speed, lit_s=3.0, search=replace(SHORT, coast_s=20.0))
+    pursuit, _ = dark(speed=speed, lit_s=5.0, search=replace(SHORT, coast_s=20.0))
     pursuit.run(TIMEOUT_S + TICK_S)
     before, since = pursuit.off_station(), pursuit.now
     while pursuit.now < 20:
         pursuit.step()
         # What it was off decays by the gain, once the command has settled.
         decays = math.exp(-OPEN.position_gain_per_s * max(pursuit.now - since - 2.0, 0.0))
-        assert pursuit.off_station() < before * decays + 0.02
+        assert pursuit.off_station() < before * decays + 0.01
     assert pursuit.state == "coasting"
     assert np.abs(pursuit.twist[:3] - speed).max() < 0.01
 

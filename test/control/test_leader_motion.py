@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from uuv_optical_array.control.leader_motion import (
     ALIKE_S,
+    CHANCE,
     CHANGE,
     LEFT_BY_CLOUDS,
     RATE_STD,
@@ -163,3 +165,17 @@ def test_the_rate_is_learnt_from_poses():
         motion.see(np.array(pose), 1e-4 * np.eye(5))
     np.testing.assert_allclose(motion.speed, [0.4, 0, 0], atol=0.03)
     np.testing.assert_allclose(motion.turn, turn, atol=0.01)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize(("share", "expected"), [(0.999, True), (1.001, False)])
+def test_a_lamp_is_the_leaders_within_what_it_and_the_pose_may_err(axis, share, expected):
+    """Beside a leader that stays, by the chi-square of three places; the attitude is known."""
+    known = np.diag([0.01, 0.04, 0.09, 1e-12, 1e-12])
+    motion, seconds = gone((0.0, 0.0, 0.0), covariance=known), 2.0
+    motion = later(motion, seconds)
+    spread = 2 * known[axis, axis] + (RATE_STD[axis] / 10 * seconds) ** 2
+    spread += CHANGE[axis] ** 2 * seconds**3 / 3
+    off = np.zeros(5)
+    off[axis] = share * math.sqrt(chi2.isf(CHANCE, 3) * spread)
+    assert motion.expects(STATION - off, known) == expected

@@ -16,7 +16,7 @@ from conftest import PATIENCE_S
 from needs import numba
 from scenes import assert_same_estimate
 
-from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.numerics import background, compilation
 from uuv_optical_array.estimation import fit_compiler
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
@@ -30,7 +30,7 @@ POSES = [[-6, 0.2, -0.1, 0.05, -0.1], [-5, -0.2, 0.1, -0.05, 0.1]]
 @pytest.fixture
 def nothing_loaded(monkeypatch):
     """Let this process look as one that finds no compiled fit."""
-    monkeypatch.setattr(fit_compiler, "is_compiled", lambda: False)
+    monkeypatch.setattr(background, "is_compiled", lambda mark: False)
     fit_compiler.fit_compiler.cache_clear()
     yield
     fit_compiler.fit_compiler.cache_clear()
@@ -48,7 +48,7 @@ def test_it_answers_as_it_stands_until_the_compiled_fit_takes_over(
     # A compiler that works as long as the lock is held.
     gate = tmp_path / "gate"
     code = f"import fcntl; fcntl.flock(open({str(gate)!r}), fcntl.LOCK_SH)"
-    monkeypatch.setattr(fit_compiler, "CODE", code)
+    monkeypatch.setattr(background, "CODE", code)
     plain = Estimator(scene, compiled=False)
     with gate.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -72,7 +72,7 @@ def test_it_answers_as_it_stands_until_the_compiled_fit_takes_over(
 def test_where_the_compiler_fails_the_fit_as_it_stands_goes_on(
     monkeypatch, scene, images, code, reason
 ):
-    monkeypatch.setattr(fit_compiler, "CODE", code)
+    monkeypatch.setattr(background, "CODE", code)
     estimator = Estimator(scene).wait()
     assert estimator.state_of_fit == f"as it stands: {reason}"
     assert_same_estimate(
@@ -172,14 +172,14 @@ def test_where_nothing_can_be_kept_the_reason_has_the_cure(tmp_path):
 
 # The compiler and the program that waits for it each write a letter.
 PROGRAM = """
-from uuv_optical_array.estimation import fit_compiler
+from uuv_optical_array.core.numerics import background
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.scene import load_scene
-fit_compiler.is_compiled = lambda: False
-fit_compiler.CODE = (
-    "import sys, threading; sys.path[:] = {{path!r}}; import {{module}} as module; "
+background.is_compiled = lambda mark: False
+background.CODE = (
+    "import sys, threading; sys.path[:] = {{path!r}}; from {{here}} import fill_cache; "
     "letters = open({fifo!r}, 'w'); letters.write('c'); letters.flush(); "
-    "module.compile_fit = threading.Event().wait; module.fill_cache()"
+    "fill_cache(threading.Event().wait)"
 )
 letters = open({fifo!r}, "w")
 try:

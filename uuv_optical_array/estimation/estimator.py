@@ -19,9 +19,10 @@ from scipy.linalg.lapack import dposv
 from uuv_optical_array.core.errors import NoPose as NoPose
 from uuv_optical_array.core.errors import expect
 from uuv_optical_array.core.geometry import Array, turned_about_beam, wrapped
+from uuv_optical_array.core.numerics.background import BackgroundCompiler
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimate import Estimate as Estimate
-from uuv_optical_array.estimation.fit_compiler import FitCompiler, fit_compiler
+from uuv_optical_array.estimation.fit_compiler import fit_compiler
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.least_squares.frame import MOST_STARTS
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
@@ -129,7 +130,7 @@ class Estimator:
         return build_table(self._source) if isinstance(self._source, Scene) else self._source
 
     @cached_property
-    def _compiler(self) -> FitCompiler | None:
+    def _compiler(self) -> BackgroundCompiler | None:
         """What compiles the fit in the background; ``None`` where nothing is to be."""
         return fit_compiler() if self._asked is None else None
 

@@ -18,6 +18,7 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.signature_table import (
     BLOCK_POSES,
+    WORTH_LOADING,
     Progress,
     SignatureTable,
     check_memory,
@@ -28,6 +29,7 @@ from uuv_optical_array.estimation.signature_table import (
     grid_rows,
     lit_rows,
     no_light,
+    table_compiler,
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
@@ -144,6 +146,8 @@ def fill(block: int, path: Path, scene: Scene) -> int:
     except DAMAGE:
         start, size = block * array.chunks[0], array.chunks[0]
         rows = range(array.shape[0])[start : start + size]
+        if array.shape[0] >= WORTH_LOADING:
+            table_compiler()
         parameters = grid_parameters(ForwardModel(scene), rows)
         with files.naming(path):
             # The last block is less than a whole one, and Zarr reads what is there of it first.

@@ -2,28 +2,38 @@
 
 import math
 import os
+import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.signature.features import lifted, scene_parameters
+from uuv_optical_array.core.numerics.background import BackgroundCompiler, is_compiled, marked
+from uuv_optical_array.estimation.signature import features
+from uuv_optical_array.estimation.signature.features import lifted, parameters_of
 from uuv_optical_array.estimation.signature.spectral_angle import SpectralIndex
+from uuv_optical_array.forward import many_poses
+from uuv_optical_array.forward.many_poses import expected_readings
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import Scene, TableSettings
+from uuv_optical_array.forward.scene import Scene, TableSettings, load_scene
 
-BLOCK_POSES = 4096  # keeps the temporaries of a 5 x 5 array in the processor's cache
-BLOCK_READINGS = 25 * BLOCK_POSES  # and those of larger arrays
+BLOCK_POSES = 4096  # keeps what is written of a detector in the processor's cache
+BLOCK_READINGS = 1 << 21  # limits the memory of larger arrays
+WORTH_LOADING = 100_000  # poses from which that of compiled code takes less time than it saves
+DONE, EXAMPLE = "table.done", "reference"  # what is compiled is the same in every scene
+LOAD_S = 1.0  # longest that a table waits for what is compiled already
 REUSED_BYTES = 1 << 24
 MIN_PEAK_COUNTS = 1.0
 # A process with an estimator, and what each row adds at the peak: pose, parameters, and the vectors
 # and tree of the index. docs/how_to/tables.md has the measurement.
 PROCESS_BYTES, ROW_BYTES = 250_000_000, 240
 CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
+
+_ONE = threading.Lock()
 
 Progress = Callable[[Iterable[int]], Iterable[int]]
 
@@ -67,8 +77,13 @@ def grid_rows(axes: list[Array]) -> int:
 
 def grid_poses(axes: list[Array], rows: ArrayLike) -> Array:
     """Return poses of a grid, ``(..., 5)``, by their row numbers; the last axis varies fastest."""
-    cells = np.unravel_index(np.asarray(rows), [len(axis) for axis in axes])
-    return np.stack([axis[i] for axis, i in zip(axes, cells, strict=True)], axis=-1)
+    rows = np.asarray(rows)
+    poses = np.empty((*rows.shape, len(axes)))
+    for k in reversed(range(len(axes))):
+        above = rows // len(axes[k])  # by a constant, which takes a tenth of np.unravel_index
+        poses[..., k] = axes[k][rows - above * len(axes[k])]
+        rows = above
+    return poses
 
 
 def grid_parameters(
@@ -82,13 +97,40 @@ def grid_parameters(
     # glibc keeps the memory of freed arrays up to the size of the largest one that was ever freed.
     # Without this the system gives fresh pages to each block, which takes longer than the block.
     np.empty(REUSED_BYTES, dtype=np.uint8)
-    parameters = np.full((len(rows), 5), np.nan)
-    size = min(BLOCK_POSES, max(BLOCK_READINGS // scene.array.detectors_per_side**2, 1))
+    parameters = np.empty((5, len(rows)))  # so that a block is copied by rows
+    optics = model.optics()
+    detectors = scene.array.detectors_per_side**2
+    size = min(BLOCK_POSES, max(BLOCK_READINGS // (scene.lamp_count * detectors), 1))
     for start in progress(range(0, len(rows), size)):
-        images = model.expected(grid_poses(axes, rows[start : start + size]))
-        lit = images.max(axis=(1, 2)) - model.noise.black >= min_peak_counts
-        parameters[start : start + size][lit] = scene_parameters(images[lit], scene)
-    return parameters
+        part = rows[start : start + size]
+        poses = grid_poses(axes, np.arange(part.start, part.stop))
+        readings = expected_readings(model, optics, poses)
+        dark = readings.max(axis=0) - model.noise.black < min_peak_counts
+        if scene.lamps:
+            readings = readings.reshape(-1, detectors, len(dark)).sum(axis=0)
+        found = parameters_of(readings, scene.full_scale_counts, scene.signature.peak)
+        found[:, dark] = np.nan
+        parameters[:, start : start + size] = found
+    return parameters.T
+
+
+def compile_tables() -> None:
+    """Compile what `grid_parameters` runs in any scene, or load it from disk."""
+    with marked(DONE):
+        model = ForwardModel(load_scene(EXAMPLE))
+        many_poses.prepare(model)
+        features.prepare(model.array.side)
+
+
+@cache
+def _table_compiler() -> BackgroundCompiler:
+    return BackgroundCompiler(compile_tables, DONE, LOAD_S)
+
+
+def table_compiler() -> BackgroundCompiler:
+    """Return the compiler of tables, one in a process, of several threads too."""
+    with _ONE:
+        return _table_compiler()
 
 
 def build_table(
@@ -114,10 +156,14 @@ def build_table(
     axes = grid_axes(scene.table)
     count = grid_rows(axes)
     check_memory(count, f"scene {scene.name}")
+    if count >= WORTH_LOADING and is_compiled(DONE):
+        table_compiler()
     parameters = grid_parameters(model, range(count), min_peak_counts, progress)
     lit = lit_rows(parameters)
     if not len(lit):
         raise no_light(scene, min_peak_counts)
+    if count >= WORTH_LOADING:
+        table_compiler()  # for the next one: this one, and the first pose, wait for no compiler
     return SignatureTable(scene, grid_poses(axes, lit), parameters[lit])
 
 

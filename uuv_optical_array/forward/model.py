@@ -73,6 +73,8 @@ class ForwardModel:
         Of a reading, rounding and the unknown gains of the scene's prior included.
     analogue_noise : optics.ReadingNoise
         Of a reading before it is rounded.
+    saturation_counts : float
+        Largest reading before the converter; inf: none.
     nuisances : tuple of str
         Settings that a prior may leave uncertain, by dotted name, with `prior.unknown_forms`. The
         offset of ``lamp.power`` is that of its logarithm, the others have the setting's unit.
@@ -90,7 +92,7 @@ class ForwardModel:
         self._forms = effects.plan(scene.effects, self.array)
         self._moving = [form.factor for form in self._of(forms.Moving)]
         noises, converters = self._of(forms.Noise), self._of(forms.Converter)
-        self._saturation_counts = min(
+        self.saturation_counts = min(
             (form.level_counts for form in self._of(forms.Saturation)), default=np.inf
         )
         # Of lamps with another code: variance of a count, and by how much of one readings saturate
@@ -106,16 +108,16 @@ class ForwardModel:
             variance = found.noise_factor * (variance + slope * level)
             self._beside_slope = found.noise_factor * slope
             slope, known = slope * found.light_factor, {*DAYLIGHT}
-            if np.isfinite(self._saturation_counts):
+            if np.isfinite(self.saturation_counts):
                 self._beside_share = detection(form.waveform, 1).peak_factor / found.peak_factor
                 self._level_counts = largest_demodulated(
-                    self._saturation_counts,
+                    self.saturation_counts,
                     level,
                     scene.lamp_count,
                     **scene.effects["demodulation"],
                 )
-                self._saturation_counts = scene.full_scale_counts
-        low, high = -np.inf, self._saturation_counts
+                self.saturation_counts = scene.full_scale_counts
+        low, high = -np.inf, self.saturation_counts
         rounding = 0.0
         for converter in converters:
             # Rounding is uniform within a count.
@@ -360,7 +362,7 @@ class ForwardModel:
 
     def expected(self, poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
         """Image without noise and without rounding, as `light` with the electronics' limits."""
-        return np.minimum(self.light(poses, roll), self._saturation_counts)
+        return np.minimum(self.light(poses, roll), self.saturation_counts)
 
     def variance(self, light: Array) -> tuple[Array, Array]:
         """Variance of readings by all noise and by rounding (eq. 7), and its slope by the light.
@@ -423,7 +425,7 @@ class ForwardModel:
 
     def converted(self, image: Array) -> Array:
         """Apply saturation and converter to analogue readings, counts, any shape."""
-        image = np.minimum(image, self._saturation_counts)
+        image = np.minimum(image, self.saturation_counts)
         for form in self._of(forms.Converter):
             image = np.clip(np.rint(image), 0, form.largest)
         return image

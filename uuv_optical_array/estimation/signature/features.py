@@ -1,5 +1,6 @@
 """The five key parameters of an image: the signature of a pose (Eren et al. 2016, section IV)."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -22,7 +23,7 @@ from uuv_optical_array.forward.scene import Scene, SignatureSettings
 
 FEATURE_NAMES = ("peak", "column", "row", "skewness_horizontal", "skewness_vertical")
 LEAST = 1e-300  # scale of values that are next to nothing
-FEW_IMAGES = 8
+Peak = Literal["detector", "subdetector"]
 
 
 @dataclass(frozen=True)
@@ -182,15 +183,21 @@ def write_parameters(
 
 
 def prepare(side: int) -> None:
-    """Compile what `key_parameters` of a few images runs from then on in this process."""
+    """Compile what `key_parameters` runs from then on in this process."""
     readings, parameters = np.ones((side * side, 1)), np.empty((5, 1))
     compilation.prepare(write_parameters, readings, side, 1.0, True, parameters)
 
 
 @np.errstate(under="ignore")  # the least of readings lose digits, no more
-def key_parameters(
-    images: ArrayLike, full_scale_counts: float, peak: Literal["detector", "subdetector"]
-) -> Array:
+def parameters_of(readings: Array, full_scale_counts: float, peak: Peak) -> Array:
+    """Return the `key_parameters`, ``(5, m)``, of m images by readings, ``(side * side, m)``."""
+    side, parameters = math.isqrt(len(readings)), np.empty((5, readings.shape[1]))
+    write = compilation.loaded(write_parameters)
+    write(readings, side, float(full_scale_counts), peak == "subdetector", parameters)
+    return parameters
+
+
+def key_parameters(images: ArrayLike, full_scale_counts: float, peak: Peak) -> Array:
     """Compute the five key parameters of images.
 
     The peak is the brightest detector; of equal ones (a saturated top, a tie) the one nearest their
@@ -225,11 +232,7 @@ def key_parameters(
         raise ValueError("images: not finite; drop frames that hold NaN or infinity")
     side = images.shape[-1]
     readings = np.ascontiguousarray(images.reshape(-1, side * side).T)
-    count = readings.shape[1]
-    parameters = np.empty((5, count))
-    # Of many images NumPy is as fast, and a table has the same bits in every process.
-    write = compilation.loaded(write_parameters) if count <= FEW_IMAGES else write_parameters
-    write(readings, side, float(full_scale_counts), peak == "subdetector", parameters)
+    parameters = parameters_of(readings, full_scale_counts, peak)
     return parameters.T.reshape(*images.shape[:-2], 5)
 
 

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 import second_forward
 from command_line import python
+from needs import numba
 from scenes import changed, make_scene
 from second_features import slow_key_parameters
 
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.estimation import signature_table
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature_table import (
     BLOCK_POSES,
@@ -19,8 +22,13 @@ from uuv_optical_array.estimation.signature_table import (
     ROW_BYTES,
     build_table,
     check_memory,
+    grid_axes,
+    grid_parameters,
+    grid_poses,
     machine_bytes,
+    table_compiler,
 )
+from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
@@ -32,6 +40,14 @@ SPANS = {
     "z_m": [-0.3, 0.5, 3],
     "pitch_deg": [-20.0, 20.0, 3],
     "yaw_deg": [5.0, 5.0, 1],
+}
+# Every span is symmetric but in range.
+WIDE = {
+    "x_m": [-9.0, -3.0, 6],
+    "y_m": [-1.0, 1.0, 6],
+    "z_m": [-1.0, 1.0, 6],
+    "pitch_deg": [-20.0, 20.0, 6],
+    "yaw_deg": [-20.0, 20.0, 6],
 }
 WATER = {
     "attenuation": {"k_per_m": 0.2},
@@ -77,6 +93,69 @@ def test_every_row_is_the_signature_of_its_pose(peak, effects):
     assert peaks.min() > 1
     np.testing.assert_allclose(table.poses, poses, atol=1e-14)
     np.testing.assert_allclose(table.parameters, parameters, atol=1e-9)
+
+
+@numba
+@pytest.mark.parametrize("name", ["reference", "follow", "leading_lights"])
+def test_compiled_rows_are_those_of_numpy_but_where_two_detectors_are_the_brightest(
+    monkeypatch, name
+):
+    """Which of two is, rounding decides, in NumPy as well: in a grid that mirrors the array."""
+    scene = changed(load_scene(name), table=WIDE)
+    model, rows = ForwardModel(scene), range(6**5)
+    with monkeypatch.context() as patch:
+        patch.setattr(compilation, "loaded", lambda function: function)
+        expected = grid_parameters(model, rows)
+    table_compiler().wait()
+    assert table_compiler().failure == ""
+    found = grid_parameters(model, rows)
+    images = together(model.expected(grid_poses(grid_axes(scene.table), rows)))
+    second, first = np.sort(images.reshape(len(rows), -1))[:, -2:].T
+    clear = first - second > 1e-9 * first
+    assert clear.sum() > 5000
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
+    np.testing.assert_allclose(found[clear], expected[clear], rtol=1e-9, atol=1e-9)
+    assert not np.array_equal(found, expected, equal_nan=True)  # it did run as compiled
+
+
+def test_only_a_large_table_is_worth_a_compiler_and_it_waits_for_none(monkeypatch):
+    asked, rows = [], []
+    monkeypatch.setattr(signature_table, "table_compiler", lambda: asked.append(len(rows)))
+    monkeypatch.setattr(signature_table, "is_compiled", lambda mark: False)
+    Estimator(load_scene("reference"), "least_squares", compiled=False)
+    build_table(scene_with())
+    assert asked == []
+    monkeypatch.setattr(signature_table, "WORTH_LOADING", 108)
+    build_table(scene_with(), progress=lambda blocks: (rows.append(i) or i for i in blocks))
+    assert asked == [1]  # after its only block
+    monkeypatch.setattr(signature_table, "is_compiled", lambda mark: mark == signature_table.DONE)
+    build_table(scene_with(), progress=lambda blocks: (rows.append(i) or i for i in blocks))
+    assert asked == [1, 1, 2]  # what is there is loaded before it
+
+
+LOADED = """
+from uuv_optical_array.core.numerics.compilation import compiled
+from uuv_optical_array.estimation.signature.features import write_parameters
+from uuv_optical_array.estimation.signature_table import table_compiler
+from uuv_optical_array.forward.many_poses import write_arriving
+table_compiler().wait()
+for function in (write_arriving, write_parameters):
+    stats = compiled(function).stats
+    print(len(stats.cache_hits), len(stats.cache_misses))
+"""
+
+
+@numba
+def test_a_process_loads_what_another_one_compiled():
+    table_compiler().wait()
+    assert python(LOADED).stdout == "1 0\n1 0\n"
+
+
+def test_grid_poses_are_those_of_all_combinations():
+    axes = [np.arange(n) + 0.5 * n for n in (2, 3, 1, 4, 5)]
+    every = list(itertools.product(*axes))
+    np.testing.assert_array_equal(grid_poses(axes, range(120)), every)
+    np.testing.assert_array_equal(grid_poses(axes, [[7, 119], [0, 7]])[1, 1], every[7])
 
 
 def test_poses_count_from_the_threshold_of_light_on_and_the_dark_ones_are_left_out():
@@ -136,6 +215,7 @@ def test_the_memory_is_that_of_the_machine_or_of_the_container(tmp_path):
 
 FRESH_PAGES = """import resource
 from uuv_optical_array.estimation.signature_table import build_table
+from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 settings = load_scene("follow").settings()

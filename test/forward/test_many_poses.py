@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 from effect_settings import middle_settings
+from needs import numba
 from scenes import make_scene
 
+from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.forward.effects import EFFECTS
+from uuv_optical_array.forward.many_poses import expected_readings, prepare
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
@@ -37,3 +40,34 @@ def test_no_pose_at_all_has_no_light():
     assert model.light(np.empty((3, 0, 5))).shape == (3, 0, 5, 5)
     image, jacobian = model.linearised(np.empty((0, 5)))
     assert (image.shape, jacobian.shape) == ((0, 25), (0, 25, 5))
+
+
+@pytest.fixture(params=["as it stands", pytest.param("compiled", marks=numba)])
+def way(request, monkeypatch):
+    """Whether what is written for many poses runs as it stands or as Numba compiles it."""
+    if request.param == "compiled":
+        prepare(ForwardModel(load_scene("reference")))
+    else:
+        monkeypatch.setattr(compilation, "loaded", lambda function: function)
+
+
+def assert_readings(model):
+    # Ahead of the lamp, too, where the beam has its tail, and near it.
+    rng = np.random.default_rng(4)
+    poses = rng.uniform([-8, -2, -2, -0.4, -0.4], [2, 2, 2, 0.4, 0.4], (300, 5))
+    expected = model.expected(poses)
+    found = expected_readings(model, model.optics(), poses).T.reshape(expected.shape)
+    assert (expected.max(axis=(1, 2)) > 1).sum() > 30
+    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-13 * expected.max())
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.usefixtures("way")
+def test_the_readings_at_many_poses_are_the_images_of_the_model_with_every_effect(name):
+    assert_readings(ForwardModel(make_scene(effects={name: middle_settings(name)})))
+
+
+@pytest.mark.parametrize("name", ["leading_lights", "eren2016", "sunlit_modulated", "harbour"])
+@pytest.mark.usefixtures("way")
+def test_the_readings_at_many_poses_are_the_images_of_the_model_in_ready_scenes(name):
+    assert_readings(ForwardModel(load_scene(name)))

@@ -242,11 +242,6 @@ def illuminate(
         scatter(rays, power, beam_sigma_rad, scattering_per_m, beam)
     else:
         shine(rays, power, beam_sigma_rad, beam)
-    transmit(optics, nuisances, rays, beam, differentiate)
-
-
-def transmit(optics: Optics, nuisances: Any, rays: Any, beam: Any, differentiate: bool) -> None:
-    """Change the light in the beam's rows, and its slopes, by all laws of transmission."""
     for i in range(len(optics.laws)):
         first = optics.law_settings[i, 0]
         if optics.law_at[i] >= 0:

@@ -38,6 +38,9 @@ Figures = dict[str, float]
 HERE = Path(__file__).parent
 
 COMPILE = "from uuv_optical_array.estimation.fit_compiler import compile_fit; compile_fit()"
+COMPILE_TABLES = (
+    "from uuv_optical_array.estimation.signature_table import compile_tables; compile_tables()"
+)
 FIRST_POSE = """
 import numpy as np
 from uuv_optical_array import Estimator, ForwardModel, load_scene
@@ -115,8 +118,8 @@ def speed() -> Figures:
 
 @cache
 def signatures() -> Figures:
-    """Return the CPU time of a million signatures, s."""
-    return {"s": frames.million_signatures_s()}
+    """Return the CPU time of a million signatures, and of the table of `follow`, s."""
+    return {"s": frames.million_signatures_s(), "table": frames.table_s()}
 
 
 @cache
@@ -125,20 +128,20 @@ def compiling() -> Figures:
 
     The yardstick is that of `frames`.
     """
-
-    def cpu_s(code: str, **environment: str) -> float:
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        _python(code, **environment)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
     with tempfile.TemporaryDirectory() as empty:
-        fit_s = cpu_s(COMPILE, NUMBA_CACHE_DIR=empty)
+        fit_s = _cpu_s(COMPILE, NUMBA_CACHE_DIR=empty)
     call = "; frames.yardstick(np.ones((6, 25)), np.ones(25), np.ones(5))"
     path = f"import sys; sys.path.append({str(HERE)!r}); "
     imports = f"{path}import frames; import numpy as np"
-    yardstick_s = cpu_s(imports + call) - cpu_s(imports)
+    yardstick_s = _cpu_s(imports + call) - _cpu_s(imports)
     return {"s": fit_s, "yardsticks": fit_s / yardstick_s}
+
+
+@cache
+def compiling_tables() -> Figures:
+    """Return the CPU time of compiling what tables run into an empty cache, s."""
+    with tempfile.TemporaryDirectory() as empty:
+        return {"s": _cpu_s(COMPILE_TABLES, NUMBA_CACHE_DIR=empty)}
 
 
 @cache
@@ -235,6 +238,14 @@ def closed_loop(names: str) -> Figures:
 
 def _pose(printed: str) -> list[float]:
     return [float(word) for word in printed.split()]
+
+
+def _cpu_s(code: str, **environment: str) -> float:
+    """Run code in a process of its own; return its CPU time, s."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    _python(code, **environment)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def _python(code: str, **environment: str) -> str:

@@ -68,7 +68,7 @@ class Estimator:
     ----------
     source
         The scene; or its signature table, of at least two rows, which the sam methods search and
-        otherwise build in memory in about a second.
+        otherwise build in memory in seconds, or less where it is compiled.
     method
         One of `METHODS`. ``least_squares`` needs no table.
     max_angle_rad

@@ -178,7 +178,8 @@ def parameters() -> list[str]:
         shared = ", ".join(f"`{key}`" for key in declarations if key in common)
         parts += [f"## `{name}`", first_sentence(module.__doc__) + "."]
         parts += [f"Common: {shared}."] if shared else []
-        parts.append(parameter_list(own) if own else "Its parameters are those of its parts.")
+        if own or not declarations:
+            parts.append(parameter_list(own) or "Its parameters are those of its parts.")
     above: dict[str, tuple[str, str]] = {}
     for name, arguments in launch_arguments():
         own = {key: value for key, value in arguments.items() if above.get(key) != value}
@@ -317,10 +318,12 @@ def topics() -> list[str]:
         "`skewness_horizontal` and `skewness_vertical`, and none without light. "
         "`relative_pose` is the follower's `base_link` in the leader's `beacon`, by one image, "
         "`relative_odometry` the track of many, `leader_pose` the lamp in the follower's "
-        "`base_frame`. `use_image`, `use_commands`, `use_imu` and `use_range` let "
-        "`estimator_node` take `array/image`, `cmd_vel`, `imu` and `range`, the distance from the "
-        "lamp to the follower's `base_link`, and `use_odometry` lets `formation_node` take "
-        "`odometry`, the follower's own, and `use_leader_odometry` its leader's `leader/odometry`. "
+        "`base_frame`. `estimator_node` takes `array/image` alone where its `method` is "
+        "`least_squares`, which needs no feature node, else `array/features` and, with "
+        "`use_image`, the image of the same stamp. `use_commands`, `use_imu` and `use_range` let "
+        "it take `cmd_vel`, `imu` and `range`, the distance from the lamp to the follower's "
+        "`base_link`, and `use_odometry` lets `formation_node` take `odometry`, the follower's "
+        "own, and `use_leader_odometry` its leader's `leader/odometry`. "
         "`follow_state` is what the follower does: its message is "
         "[the state](../how_to/operations.md#states), its values are `reason`, `since (s)`, on the "
         "clock of the stamps, and `for (s)`; it comes at each change and at 1 Hz, and lasts for "

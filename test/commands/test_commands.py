@@ -68,7 +68,7 @@ def test_follow_ends_by_itself_with_a_summary_a_picture_and_a_bag(tmp_path):
 
 def test_follow_that_never_sees_light_says_that_the_leader_was_lost(tmp_path):
     dark = tmp_path / "dark.yaml"
-    dark.write_text("/**/feature_node: {ros__parameters: {min_peak_counts: 60000.0}}\n", "utf-8")
+    dark.write_text("/**: {ros__parameters: {min_peak_counts: 60000.0}}\n", "utf-8")
     words = ("--duration", "2", "--params-file", dark, "--output", tmp_path / "x.png")
     with follow(*words, start_s=2.0) as process:
         out, _ = ended(process, 1)

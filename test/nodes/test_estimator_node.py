@@ -161,14 +161,19 @@ def test_without_tf2_msgs_the_node_warns_and_works(lab, scene_file, signatures, 
     asker.ask(signatures[0], 1)
 
 
+def topics_of(node):
+    topics = [ear.topic_name for ear in node.subscriptions]
+    assert len(topics) == len(set(topics))
+    return {*topics} - {"/parameter_events", "/clock"}
+
+
 @pytest.mark.parametrize("used", [(), ("image",), ("imu",), ("commands",), ("range",)])
-def test_the_node_subscribes_to_what_it_is_to_use(lab, scene_file, used):
+@pytest.mark.parametrize("method", ["sam", "sam_interpolated"])
+def test_the_node_subscribes_to_what_it_is_to_use(lab, scene_file, used, method):
     names = {"image": "/array/image", "imu": "/imu", "commands": "/cmd_vel", "range": "/range"}
     uses = {f"use_{name}": name in used for name in names}
-    asker = Asker(lab, scene_file, **uses)
-    topics = {ear.topic_name for ear in asker.node.subscriptions}
-    wanted = {"/array/features", *(names[name] for name in used)}
-    assert topics - {"/parameter_events", "/clock"} == wanted
+    asker = Asker(lab, scene_file, method=method, **uses)
+    assert topics_of(asker.node) == {"/array/features", *(names[name] for name in used)}
 
 
 def test_the_fit_is_refused_while_the_node_reads_no_image(asker, signatures):
@@ -178,12 +183,29 @@ def test_the_fit_is_refused_while_the_node_reads_no_image(asker, signatures):
     asker.ask(signatures[0], 3)
 
 
+@pytest.fixture
+def joiner(lab, scene_file, scene, compiled_fit):
+    """Sends both to a node that holds its match to the image."""
+    return Shower(lab, scene_file, scene)
+
+
 @pytest.mark.parametrize("image_first", [True, False])
-def test_least_squares_joins_image_and_signature_by_their_stamp(shower, images, table, image_first):
+def test_sam_joins_image_and_signature_by_their_stamp(joiner, images, table, image_first):
+    estimator = Estimator(table, "sam")
+    for i, image in enumerate(images[:4], start=1):
+        message = joiner.show(image, i, image_first)
+        assert_is(message, estimator.estimate(image, joiner.signature(image)))
+    values = dict(figures(joiner.lab.report(joiner.node, OK)))
+    assert 1e-3 < float(values["misfit"]) <= 1
+
+
+def test_least_squares_answers_the_image_alone(shower, images, table):
+    assert topics_of(shower.node) == {"/array/image", "/cmd_vel"}
     estimator = Estimator(table, method="least_squares")
     for i, image in enumerate(images[:4], start=1):
-        message = shower.show(image, i, image_first)
-        assert_is(message, estimator.estimate(image, shower.signature(image)))
+        shower.images.publish(shower.picture(image, i))
+        message = shower.lab.answer(shower.poses, Time(sec=i, nanosec=9))
+        assert_is(message, estimator.estimate(image))
     values = dict(figures(shower.lab.report(shower.node, OK)))
     assert 1e-3 < float(values["misfit"]) <= 1
 
@@ -198,36 +220,61 @@ def test_a_faulty_detector_is_named_while_poses_go_on(shower, images):
     shower.lab.report(shower.node, OK)
 
 
-def test_a_signature_whose_image_never_comes_is_given_up_with_the_reason(shower, images):
+def test_a_signature_whose_image_never_comes_is_given_up_with_the_reason(joiner, images):
     for seconds in range(1, 30):
-        shower.clouds.publish(shower.message(shower.signature(images[0]), seconds))
+        joiner.clouds.publish(joiner.message(joiner.signature(images[0]), seconds))
         stamp = seconds * 10**9 + 9
-        shower.lab.until(lambda stamp=stamp: stamp in shower.node.waiting, "the signature")
-    status = shower.lab.report(shower.node, WARN, "no image")
-    assert not shower.poses
+        joiner.lab.until(lambda stamp=stamp: stamp in joiner.node.waiting, "the signature")
+    status = joiner.lab.report(joiner.node, WARN, "no image")
+    assert not joiner.poses
     assert dict(figures(status))["answered"] == "0"
-    shower.show(images[1], 100)
+    joiner.show(images[1], 100)
 
 
-def test_of_frames_that_wait_the_newest_is_answered_and_the_others_are_counted(shower, images):
+@pytest.mark.parametrize("method", ["sam", "least_squares"])
+def test_of_frames_that_wait_the_newest_is_answered_and_the_others_are_counted(
+    lab, scene_file, scene, images, method, compiled_fit
+):
+    shower = Shower(lab, scene_file, scene, method=method)
     for seconds, image in enumerate(images, start=1):
         shower.send(image, seconds)
     shower.lab.answer(shower.poses, Time(sec=len(images), nanosec=9))
     left_out = len(images) - len(shower.poses)
     assert left_out > 0
+    totals = shower.node.diagnostics.totals
+    shower.lab.until(lambda: totals["answered"] == len(shower.poses), "the rest of the frame")
     values = dict(figures(shower.lab.report(shower.node, OK, "passed over for newer ones")))
     assert values["passed_over"] == str(left_out)
 
 
-def test_the_method_can_change_while_the_node_runs(shower, images, table):
+def test_the_method_and_what_it_reads_can_change_while_the_node_runs(shower, images, table):
     shower.show(images[0], 1)
     assert shower.lab.set(shower.node, "method", "sam").successful
+    assert topics_of(shower.node) == {"/array/image", "/array/features", "/cmd_vel"}
+    shower.lab.connect()
     message = shower.show(images[1], 2)
     matching = Estimator(table, "sam", compiled=False)
     assert_is(message, matching.estimate(images[1], shower.signature(images[1])))
     answer = shower.lab.set(shower.node, "method", "magic")
     assert not answer.successful
     assert "choose sam or sam_interpolated or least_squares" in answer.reason
+    assert shower.lab.set(shower.node, "method", "least_squares").successful
+    assert topics_of(shower.node) == {"/array/image", "/cmd_vel"}
+    shower.lab.connect()
+    assert_is(shower.show(images[2], 3), Estimator(table).estimate(images[2]))
+
+
+def test_a_topic_that_cannot_be_subscribed_to_leaves_the_method_as_it_was(
+    shower, images, monkeypatch
+):
+    def refused(*given, **named):
+        raise RuntimeError("not allowed")  # as rclpy does where ROS is secured
+
+    monkeypatch.setattr(shower.node, "create_subscription", refused)
+    answer = shower.lab.set(shower.node, "method", "sam")
+    assert not answer.successful
+    assert answer.reason == "method: sam reads other topics: not allowed"
+    shower.show(images[0], 1)
 
 
 def test_the_roll_of_the_imu_enters_the_pose(lab, scene_file, scene, table, compiled_fit):
@@ -398,8 +445,8 @@ def test_tracked_poses_do_not_run_backwards_and_a_clock_that_was_set_back_starts
     lab.report(asker.node, WARN, "late frame", "stamp not later: 50.0")
 
 
-def test_a_frame_that_the_core_refuses_gets_no_pose_and_the_next_one_does(shower, images):
-    shower.show(images[0], 1)
+def test_a_frame_that_the_core_refuses_gets_no_pose_and_the_next_one_does(joiner, images):
+    joiner.show(images[0], 1)
     seconds, answered = itertools.count(2), [1]
     for image, of_signature, times, words in (
         (images[0], images[0], 6, "frozen: the frame is the same as one of the 32 before"),
@@ -407,20 +454,57 @@ def test_a_frame_that_the_core_refuses_gets_no_pose_and_the_next_one_does(shower
         (np.ones((4, 4)), images[0], 1, "wrong size: 4 x 4"),
     ):
         for stamp in itertools.islice(seconds, times):
-            shower.images.publish(shower.picture(image, stamp))
-            message = shower.message(shower.signature(of_signature), stamp)
-            shower.lab.deliver(shower.node, shower.clouds, message)
+            joiner.images.publish(joiner.picture(image, stamp))
+            message = joiner.message(joiner.signature(of_signature), stamp)
+            joiner.lab.deliver(joiner.node, joiner.clouds, message)
+        joiner.lab.report(joiner.node, WARN, words)
+        answered.append(next(seconds))
+        joiner.show(images[len(answered)], answered[-1])
+    assert joiner.seconds_answered() == answered
+
+
+def test_an_image_that_is_refused_gets_no_pose_and_the_next_one_does(shower, images, scene):
+    shower.show(images[0], 1)
+    seconds, answered = itertools.count(2), [1]
+    soon = shower.node.get_clock().now().nanoseconds // 10**9 + 9
+    for image, stamps, words in (
+        (images[0], [*itertools.islice(seconds, 6)], "frozen: the frame is the same as one"),
+        (np.ones((4, 4)), [next(seconds)], "wrong size: 4 x 4"),
+        (images[0] + scene.full_scale_counts, [next(seconds)], "above full scale"),
+        (np.full((5, 5), 4), [next(seconds)], "no light: the peak of 4 counts is below 5"),
+        (np.full((5, 5), 9), [next(seconds)], "no pattern: every detector reads 9 counts"),
+        (images[-1], [soon], "stamp ahead"),
+        (images[-2], [None], "stamp not later"),  # the newest again
+    ):
+        for stamp in stamps:
+            picture = shower.picture(image, stamp or answered[-1])
+            shower.lab.deliver(shower.node, shower.images, picture)
         shower.lab.report(shower.node, WARN, words)
         answered.append(next(seconds))
-        shower.show(images[len(answered)], answered[-1])
+        shower.show(images[len(answered) - 1], answered[-1])
     assert shower.seconds_answered() == answered
 
 
-def test_the_feature_node_alone_decides_what_is_too_dim(shower, scene):
-    far = np.array([-24.0, 0.1, 0.1, 0.02, 0.03])
-    image = ForwardModel(scene).expose(far, np.random.default_rng(2))
+DIM = np.array([-24.0, 0.1, 0.1, 0.02, 0.03])
+
+
+def test_what_is_too_dim_to_match_the_feature_node_alone_decides(joiner, scene):
+    image = ForwardModel(scene).expose(DIM, np.random.default_rng(2))
     assert 0 < image.max() < FeatureSettings.min_peak_counts
-    shower.show(image, 1)
+    assert joiner.lab.set(joiner.node, "max_angle_rad", 1.0).successful
+    joiner.show(image, 1)
+
+
+def test_what_is_too_dim_to_fit_is_a_parameter(shower, scene):
+    rng, model = np.random.default_rng(2), ForwardModel(scene)
+    first, second = model.expose(np.tile(DIM, (2, 1)), rng)
+    peak = float(min(first.max(), second.max()))
+    assert 1 < peak < FeatureSettings.min_peak_counts
+    shower.lab.deliver(shower.node, shower.images, shower.picture(first, 1))
+    shower.lab.report(shower.node, WARN, "no light: the peak", "is below 5")
+    assert shower.lab.set(shower.node, "min_peak_counts", peak).successful
+    shower.show(second, 2)
+    assert shower.seconds_answered() == [2]
 
 
 def test_key_parameters_that_repeat_under_fresh_stamps_are_frozen_too(asker, lab, signatures):

@@ -74,7 +74,7 @@ def assert_is(message, estimate, roll_std_rad=0.02):
 
 
 class Shower(Asker):
-    """Sends images too, and the roll of an IMU."""
+    """Sends images, and the roll of an IMU; key parameters too where the node needs them."""
 
     def __init__(self, lab, scene_file, scene, **parameters):
         super().__init__(lab, scene_file, use_image=True, **parameters)
@@ -91,16 +91,15 @@ class Shower(Asker):
         return key_parameters(image, self.scene.full_scale_counts, self.scene.signature.peak)
 
     def send(self, image, seconds, image_first=True):
-        """Send an image and its key parameters."""
-        sends = [
-            lambda: self.images.publish(self.picture(image, seconds)),
-            lambda: self.clouds.publish(self.message(self.signature(image), seconds)),
-        ]
-        for send in sends if image_first else reversed(sends):
-            send()
+        """Send an image, and its key parameters."""
+        sends = [(self.images, self.picture(image, seconds))]
+        if not self.node.fits:
+            sends.append((self.clouds, self.message(self.signature(image), seconds)))
+        for talker, message in sends if image_first else reversed(sends):
+            talker.publish(message)
 
     def show(self, image, seconds, image_first=True):
-        """Send both and return the answer to them."""
+        """Send as `send` does, and return the answer."""
         self.send(image, seconds, image_first)
         return self.lab.answer(self.poses, Time(sec=seconds, nanosec=9), "a pose")
 

@@ -1,4 +1,4 @@
-"""From key parameters, and the image, to the follower's pose in the leader's beacon frame."""
+"""From the image, or its key parameters, to the follower's pose in the leader's beacon frame."""
 
 import math
 from collections.abc import Callable
@@ -10,6 +10,7 @@ import numpy as np
 from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image, Imu, PointCloud2, Range
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
@@ -28,6 +29,7 @@ from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import Estimate, Estimator, EstimatorSettings, Method
 from uuv_optical_array.estimation.large_table import load_table
 from uuv_optical_array.estimation.pipeline import Pipeline
+from uuv_optical_array.estimation.signature.features import FeatureSettings
 from uuv_optical_array.estimation.signature.plausibility import check_image
 from uuv_optical_array.estimation.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.estimation.tracking.ranges import LEAST_M, MAX_STD_M
@@ -44,6 +46,7 @@ from uuv_optical_array.nodes.shared.node import (
     run,
     subscribe,
     transform_publisher,
+    unsubscribe,
 )
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
 
@@ -54,6 +57,7 @@ PARAMETERS = {
     "use_image": Parameter(
         True, Quantity("read array/image, by which the sam methods check a match"), True
     ),
+    **parameters_of(FeatureSettings),
     "use_imu": Parameter(False, Quantity("read the follower's roll from imu"), True),
     "max_imu_age_s": Parameter(
         0.2, Quantity("largest time between an image and its roll", "s", 0.001, 10)
@@ -94,8 +98,12 @@ WAITING = 20  # stamps of which only the image or only the key parameters have c
 class EstimatorNode(Node):
     """Publish a pose for each image that the scene can explain, and nothing else.
 
+    ``least_squares`` subscribes to the image alone. The sam methods subscribe to the key parameters
+    and, with ``use_image``, to the image, and answer when both of a stamp are there.
+
     `hand_over` takes each track after it is published; with it neither key parameters nor images
-    come by topic: a node of the same process calls `on_frame`.
+    come by topic: a node of the same process calls `on_image` where the node `fits`, else
+    `on_features`.
     """
 
     def __init__(self, hand_over: Callable[[Odometry], None] | None = None, **options: Any) -> None:
@@ -115,6 +123,8 @@ class EstimatorNode(Node):
         self.range_ns = 0  # stamp of the last range that the track refused
         self.rest: Callable[[], None] | None = None  # of the last frame, once its pose is out
         self.diagnostics = Diagnostics(self)
+        self.fits: bool | None = None  # whether images are answered by themselves; None: not yet
+        self.inputs: list[Subscription] = []  # of images and key parameters
         self.waiting: dict[int, dict[str, Any]] = {}
         self.state_of_fit = ""
         self.roll_ns, self.roll_rad, self.roll_lost = 0, 0.0, ""
@@ -129,12 +139,7 @@ class EstimatorNode(Node):
         body = markers.body(self.scene, self.base_frame if self.below_base else self.child_frame)
         shapes = markers.Shapes(self, publish(self, MarkerArray, "markers", LASTING))
         shapes.show(beam + body)
-        if hand_over is None:
-            with_image = self.parameters["use_image"]
-            take = partial(self.join, "features") if with_image else self.unpack
-            subscribe(self, PointCloud2, "array/features", take, newest=with_image)
-            if with_image:
-                subscribe(self, Image, "array/image", partial(self.join, "image"))
+        self.listen(self.parameters["method"])
         if self.parameters["use_imu"]:
             subscribe(self, Imu, "imu", self.on_imu)
         if self.parameters["use_commands"]:
@@ -164,6 +169,31 @@ class EstimatorNode(Node):
                 "use_image true, or choose sam or sam_interpolated"
             )
 
+    def listen(self, method: str) -> None:
+        """Take what a method needs of image and key parameters, and no more; or ValueError."""
+        if self.fits == (method == FIT):
+            return
+        fits, before = method == FIT, self.inputs
+        try:
+            self.inputs = [] if self.hand_over else self.listening(fits)
+        except RuntimeError as error:  # as where ROS is secured
+            raise ValueError(f"method: {method} reads other topics: {error}") from None
+        for each in before:
+            unsubscribe(self, each)
+        self.fits = fits
+        self.waiting.clear()
+
+    def listening(self, fits: bool) -> list[Subscription]:
+        """Subscribe to images alone, or to key parameters and, where it is told, to images."""
+        ears, joined, take = [], self.parameters["use_image"], self.on_message
+        if not fits:
+            unpack = partial(self.join, "features") if joined else self.unpack
+            ears = [subscribe(self, PointCloud2, "array/features", unpack, newest=joined)]
+            take = partial(self.join, "image")
+        if joined:
+            ears.append(subscribe(self, Image, "array/image", take, newest=fits))
+        return ears
+
     def place_beacon(self) -> None:
         """Publish once where the lamp is on the leader, so that the frames are one tree."""
         parent, child = self.parameters.frame("leader_frame"), self.beacon_frame
@@ -180,7 +210,8 @@ class EstimatorNode(Node):
 
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over parameters; a ValueError leaves everything as it was."""
-        self.check(changes.get("method", self.parameters["method"]))
+        method = changes.get("method", self.parameters["method"])
+        self.check(method)
         tracking, source, estimator = None, self.source, None
         if changes.get("tracking", self.parameters["tracking"]):
             tracking = self.parameters.settings(TrackerSettings, changes)
@@ -188,22 +219,28 @@ class EstimatorNode(Node):
             folder = changes["table"]
             source = load_table(folder, self.scene) if folder else self.scene
         elif self.pipeline is None:
+            self.listen(method)
             return
         if changes.keys() & OF_ESTIMATOR:
             settings = self.parameters.settings(EstimatorSettings, changes)
             estimator = Estimator(source, **asdict(settings))
             if settings.method != FIT:
                 source = estimator.table  # the next one need not build it again
+        self.listen(method)
         self.finish()  # nothing is refused from here on
         self.source = source
         if estimator is not None:
             if self.pipeline is None:
-                # The feature node has decided what is too dim.
-                self.pipeline = Pipeline(estimator, tracking, min_peak_counts=0.0)
+                self.pipeline = Pipeline(estimator, tracking)
                 self.diagnostics.fail("")
             self.pipeline.estimator = estimator
         if self.pipeline is not None and changes.keys() & OF_TRACKER:
             self.pipeline.track_with(tracking)
+        if self.pipeline is not None:
+            # What is too dim to match, the feature node has decided.
+            light = self.parameters.settings(FeatureSettings, changes)
+            least = light.min_peak_counts if self.fits else 0.0
+            self.pipeline.least_counts = self.scene.black_counts + least
 
     def join(self, name: str, message: PointCloud2 | Image) -> None:
         """Answer when key parameters and image of a stamp are there; the oldest stamps leave."""
@@ -222,9 +259,19 @@ class EstimatorNode(Node):
         with self.diagnostics.refusing():
             parameters, counts = messages.features_from_message(features), None
             if parameters is not None and image is not None:
-                counts = image_from_message(image, self.scene.array, self.scene.lamp_count)
+                counts = self.counts(image)
                 check_image(parameters, counts, self.scene)  # refuses two exposures of one stamp
-            self.on_frame(features.header, parameters, counts)
+            self.on_features(features.header, parameters, counts)
+
+    def on_message(self, message: Image) -> None:
+        """Answer an image by itself."""
+        with self.diagnostics.refusing():
+            self.order.check_fresh(message.header, self.get_clock().now().nanoseconds)
+            self.on_image(message.header, self.counts(message))
+
+    def counts(self, message: Image) -> Array:
+        """Return the readings of an image."""
+        return image_from_message(message, self.scene.array, self.scene.lamp_count)
 
     def on_imu(self, message: Imu) -> None:
         """Keep the follower's roll."""
@@ -268,29 +315,36 @@ class EstimatorNode(Node):
             )
         return self.roll_rad, std
 
-    def on_frame(self, header: Header, parameters: Array | None, image: Array | None) -> None:
-        """Publish an image's pose, or say why not; without light the `parameters` are ``None``."""
-        self.finish()
+    def on_image(self, header: Header, image: Array) -> None:
+        """Publish the pose of an image, counts, or say why not."""
         with self.diagnostics.refusing():
-            if self.pipeline is None:
-                raise Refused("no table: see the error")
+            self.answer(header, image, None)
+
+    def on_features(self, header: Header, parameters: Array | None, image: Array | None) -> None:
+        """Publish the pose of key parameters, ``None`` without light, or say why not."""
+        with self.diagnostics.refusing():
             if parameters is None:
                 raise Refused("no light: the feature node found none to match")
-            if not self.parameters["use_image"]:
-                image = None
-            roll, roll_std = self.roll_at(header)
-            estimate = self.pipeline.estimate(stamp_ns(header), image, parameters, roll)
-            self.order.check(header)
-            roll += estimate.roll
-            std = roll_std if estimate.turn is None else estimate.turn
-            covariance = covariance_6x6(estimate.pose, estimate.covariance, std)
-            header = Header(stamp=header.stamp, frame_id=self.beacon_frame)
-            pose = messages.pose_to_message(estimate.pose, covariance, header, roll)
-            if self.poses.publish(pose):
-                known = roll, roll_std
-                self.rest = partial(self.follow_up, self.pipeline, estimate, pose, *known)
-                if self.executor is not None:  # a node of the same process hears the pose first
-                    self.executor.create_task(self.finish)
+            self.answer(header, image if self.parameters["use_image"] else None, parameters)
+
+    def answer(self, header: Header, image: Array | None, parameters: Array | None) -> None:
+        """Publish the pose of image, key parameters or both; errors of `Pipeline.estimate`."""
+        self.finish()
+        if self.pipeline is None:
+            raise Refused("no table: see the error")
+        roll, roll_std = self.roll_at(header)
+        estimate = self.pipeline.estimate(stamp_ns(header), image, parameters, roll)
+        self.order.check(header)
+        roll += estimate.roll
+        std = roll_std if estimate.turn is None else estimate.turn
+        covariance = covariance_6x6(estimate.pose, estimate.covariance, std)
+        header = Header(stamp=header.stamp, frame_id=self.beacon_frame)
+        pose = messages.pose_to_message(estimate.pose, covariance, header, roll)
+        if self.poses.publish(pose):
+            known = roll, roll_std
+            self.rest = partial(self.follow_up, self.pipeline, estimate, pose, *known)
+            if self.executor is not None:  # a node of the same process hears the pose first
+                self.executor.create_task(self.finish)
 
     def finish(self) -> None:
         """Do the rest of the last frame now, as the next may need it."""

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Callable
-from functools import partial
-from typing import Any
+from functools import cache, partial
+from typing import Any, TypeAlias
 
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
@@ -23,19 +23,19 @@ from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe
 from uuv_optical_array.nodes.shared.parameters import Parameters, parameters_of, shared
 
+HandOver: TypeAlias = Callable[[Header, Array, Callable[[], Array | None]], None]
+
 PARAMETERS = {**shared("scene"), **parameters_of(FeatureSettings)}
 
 
 class FeatureNode(Node):
     """Publish one point of five fields for each image; no point where there is no light.
 
-    `hand_over` takes header, key parameters or ``None``, and counts of each image before the
-    parameters are published; with it only the newest of the images that wait is served.
+    `hand_over` takes header, counts, and what returns the key parameters or ``None``, of each image
+    before anything is published; with it only the newest of the images that wait is served.
     """
 
-    def __init__(
-        self, hand_over: Callable[[Header, Array | None, Array], None] | None = None, **options: Any
-    ) -> None:
+    def __init__(self, hand_over: HandOver | None = None, **options: Any) -> None:
         super().__init__("feature_node", **options)
         self.parameters = Parameters(self, PARAMETERS)
         self.scene = load_scene(self.parameters["scene"])
@@ -50,17 +50,23 @@ class FeatureNode(Node):
         with self.diagnostics.refusing():
             self.order.check(message.header, self.get_clock().now().nanoseconds)
             image = image_from_message(message, self.scene.array, self.scene.lamp_count)
-            check_full_scale(image, self.scene)
-            least = self.parameters["min_peak_counts"] + self.scene.black_counts
-            if no_light := no_pattern(image, least):
-                self.diagnostics.refuse(no_light)
-            parameters = None if no_light else scene_parameters(image, self.scene)
+            features = cache(partial(self.key_parameters, image))
             if self.hand_over is not None:
-                self.hand_over(message.header, parameters, image)
+                self.hand_over(message.header, image, features)
+            parameters = features()
             if self.features.heard:
                 self.features.publish(messages.features_to_message(parameters, message.header))
             if parameters is not None:
                 self.diagnostics.answer(stamp_ns(message.header), lambda: self.figures(image))
+
+    def key_parameters(self, image: Array) -> Array | None:
+        """Return those of an image, shape ``(5,)``; ``None`` and a refusal without light."""
+        check_full_scale(image, self.scene)
+        least = self.parameters["min_peak_counts"] + self.scene.black_counts
+        if no_light := no_pattern(image, least):
+            self.diagnostics.refuse(no_light)
+            return None
+        return scene_parameters(image, self.scene)
 
     def figures(self, image: Array) -> dict[str, str]:
         """Return what the diagnostics show of an image."""

@@ -4,6 +4,7 @@ Each has its name, parameters, topics and diagnostics as it has in a process of 
 one thread, so that while a frame is worked on others wait, of which the newest comes next.
 """
 
+from collections.abc import Callable
 from functools import partial
 
 from std_msgs.msg import Header
@@ -20,9 +21,12 @@ def follower() -> tuple[FeatureNode, EstimatorNode, FormationNode]:
     formation = FormationNode(subscribed=False)
     estimator = EstimatorNode(hand_over=formation.on_track)
 
-    def hand_over(header: Header, parameters: Array | None, image: Array) -> None:
-        formation.on_look(header, parameters)
-        estimator.on_frame(header, parameters, image)
+    def hand_over(header: Header, image: Array, features: Callable[[], Array | None]) -> None:
+        if estimator.fits:  # so that its pose waits for no key parameters
+            estimator.on_image(header, image)
+        else:
+            estimator.on_features(header, features(), image)
+        formation.on_look(header, features())
 
     return FeatureNode(hand_over=hand_over), estimator, formation
 

@@ -318,6 +318,19 @@ def test_one_stamp_ahead_of_the_clock_is_dropped_and_a_clock_that_is_always_ahea
     assert passed(stamps, clock) == [stamps[i] for i in expected]
 
 
+def test_a_late_stamp_may_still_be_of_use_and_a_repeated_one_or_a_stray_is_not():
+    order, now = StampOrder(), 100 * 10**9
+    for seconds, words in ((99, ""), (98, ""), (99, "stamp not later"), (109, "stamp ahead")):
+        with pytest.raises(Refused, match=words) if words else contextlib.nullcontext():
+            order.check_fresh(header(seconds, 0), now)
+        if not words and seconds == 99:
+            order.check(header(seconds, 0))
+    # Once all are ahead of it, the clock is what is wrong, whatever is checked beside.
+    for seconds in (110, 111):
+        order.check_fresh(header(seconds, 0), now)
+        order.check(header(seconds, 0))
+
+
 @given(st.lists(st.integers(0, 4_000_000_000)))
 def test_stamps_run_back_only_by_more_than_a_second_and_never_twice_at_once(stamps):
     through = passed(stamps)

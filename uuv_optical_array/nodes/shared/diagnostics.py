@@ -116,6 +116,10 @@ class Diagnostics:
         """Warn whenever a topic has more than one publisher."""
         self._watched.append(topic)
 
+    def unwatch(self, topic: str) -> None:
+        """Warn no more of a topic that is not used any longer."""
+        self._watched.remove(topic)
+
     def publish(self) -> None:
         """Publish the last period and begin the next."""
         now_s, (since_s, before), (_, last) = time.monotonic(), self._ends[0], self._ends[-1]

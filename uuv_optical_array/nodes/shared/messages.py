@@ -80,21 +80,36 @@ class StampOrder:
         self._newest_ns: int | None = None
         self._far_behind_ns: int | None = None  # the stamp before, where it was that
 
-    def check(self, header: Header, now_ns: float = math.inf) -> None:
-        """Refuse a stamp that does not advance, or leaps ahead of the clock."""
+    def check_fresh(self, header: Header, now_ns: float) -> None:
+        """Refuse a stamp that is the newest again, or leaps ahead of a clock; let a late one be."""
+        stamp = stamp_ns(header)
+        self._check_clock(stamp, now_ns)
+        if stamp == self._newest_ns:
+            raise self._not_later(stamp)
+
+    def check(self, header: Header, now_ns: float | None = None) -> None:
+        """Refuse a stamp that does not advance, or leaps ahead of a clock."""
         stamp, newest, behind = stamp_ns(header), self._newest_ns, self._far_behind_ns
-        before, self._ahead = self._ahead, stamp - now_ns > self.AHEAD_NS
-        if self._ahead and not before:
-            raise Refused(f"stamp ahead: {(stamp - now_ns) * 1e-9:.3g} s later than the clock")
+        if now_ns is not None:
+            self._check_clock(stamp, now_ns)
         far = newest is not None and newest - stamp > self.RESTART_NS
         anew = far and behind is not None and stamp > behind
         if newest is None or stamp > newest or anew:
             self._newest_ns, self._far_behind_ns = stamp, None
             return
         self._far_behind_ns = stamp if far else None
+        raise self._not_later(stamp)
+
+    def _check_clock(self, stamp: int, now_ns: float) -> None:
+        before, self._ahead = self._ahead, stamp - now_ns > self.AHEAD_NS
+        if self._ahead and not before:
+            raise Refused(f"stamp ahead: {(stamp - now_ns) * 1e-9:.3g} s later than the clock")
+
+    def _not_later(self, stamp: int) -> Refused:
+        newest = self._newest_ns or 0
         text = f"stamp not later: {stamp * 1e-9:.9f} s came after {newest * 1e-9:.9f} s"
         alike = "; if all are alike, the driver gives none: let it set `header.stamp`"
-        raise Refused(text + alike if stamp == newest else text)
+        return Refused(text + alike if stamp == newest else text)
 
 
 def image_to_message(image: Array, header: Header) -> Image:

@@ -109,6 +109,12 @@ def subscribe(
     return subscription
 
 
+def unsubscribe(node: Any, subscription: Subscription) -> None:
+    """End what `subscribe` created."""
+    node.diagnostics.unwatch(subscription.topic_name)
+    node.destroy_subscription(subscription)
+
+
 def steady_clock(node: Node) -> Clock:
     """Return the clock of what controls or moves: no other hand sets it.
 

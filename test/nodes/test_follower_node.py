@@ -11,9 +11,8 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
 from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.signature.features import key_parameters
-from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.follower_node import follower
 from uuv_optical_array.nodes.shared.messages import image_to_message
@@ -25,9 +24,9 @@ POSE = np.array([-6.0, 0.1, -0.1, 0.02, 0.03])
 class Follower:
     """Sends images to the three nodes and hears what they publish."""
 
-    def __init__(self, lab, scene_file):
+    def __init__(self, lab, scene_file, method):
         self.lab = lab
-        lab.begin({"scene": scene_file, "estimator_node:method": "sam"})
+        lab.begin({"scene": scene_file, "estimator_node:method": method})
         self.feature, self.estimator, self.formation = (
             lab.start(lambda node=node: node) for node in follower()
         )
@@ -44,24 +43,32 @@ class Follower:
 
 
 @pytest.fixture
-def rov(lab, scene_file, compiled_fit):
-    return Follower(lab, scene_file)
+def method():
+    return "sam"
 
 
-def test_an_image_gets_the_answers_of_three_processes_without_a_topic_between(rov, scene, table):
-    estimator = Estimator(table, "sam")
-    tracker = Tracker(TrackerSettings(), constants=estimator.constants)
+@pytest.fixture
+def rov(lab, scene_file, compiled_fit, method):
+    return Follower(lab, scene_file, method)
+
+
+BOTH = pytest.mark.parametrize("method", ["sam", "least_squares"])
+
+
+@BOTH
+def test_an_image_gets_the_answers_of_three_processes_without_a_topic_between(
+    rov, scene, table, method
+):
+    pipeline = Pipeline(Estimator(table, method))
     rng = np.random.default_rng(5)
     for seconds, image in enumerate(ForwardModel(scene).expose(np.tile(POSE, (2, 1)), rng), 1):
         rov.show(image, seconds)
         signature = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
         cloud = rov.lab.answer(rov.clouds, Time(sec=seconds))
         np.testing.assert_array_equal(np.frombuffer(cloud.data, "<f8"), signature)
-        known = tracker.expected(seconds * 10**9)
-        found = estimator.estimate(image, signature, 0.0, known)
-        assert_is(rov.lab.answer(rov.poses, Time(sec=seconds)), found)
-        track = tracker.update(seconds * 10**9, found.pose, found.covariance)
-        assert_is(rov.lab.answer(rov.tracks, Time(sec=seconds)), track)
+        answer = pipeline.answer(seconds * 10**9, image)
+        assert_is(rov.lab.answer(rov.poses, Time(sec=seconds)), answer.estimate)
+        assert_is(rov.lab.answer(rov.tracks, Time(sec=seconds)), answer.track)
     rov.lab.until(lambda: rov.commands, "a command")
     heard = {ear.topic_name for ear in (*rov.estimator.subscriptions, *rov.formation.subscriptions)}
     assert not heard & {"/array/image", "/array/features", "/relative_odometry"}
@@ -71,6 +78,7 @@ def test_an_image_gets_the_answers_of_three_processes_without_a_topic_between(ro
     assert rov.formation.diagnostics.totals["answered"] >= 2
 
 
+@BOTH
 def test_an_image_without_light_is_an_empty_cloud_and_no_pose(rov):
     rov.show(np.zeros((5, 5)), 1)
     assert rov.lab.answer(rov.clouds, Time(sec=1)).width == 0
@@ -78,7 +86,23 @@ def test_an_image_without_light_is_an_empty_cloud_and_no_pose(rov):
     assert not rov.poses
 
 
-def test_a_pose_waits_for_nothing_that_can_come_later_and_the_next_frame_for_all_of_it(rov, scene):
+@BOTH
+def test_an_image_above_full_scale_is_refused_once_and_the_next_one_answered(rov, scene, method):
+    image = ForwardModel(scene).expose(POSE, np.random.default_rng(9))
+    rov.show(image + 1023, 1)
+    rov.lab.report(rov.feature, WARN, "above full scale")
+    rov.show(image, 2)
+    rov.lab.answer(rov.poses, Time(sec=2))
+    rov.lab.answer(rov.clouds, Time(sec=2))
+    assert len(rov.poses) == len(rov.clouds) == 1
+    refused = rov.feature.diagnostics.totals["refused"], rov.estimator.diagnostics.totals["refused"]
+    assert refused == (1, method == "least_squares")
+
+
+@BOTH
+def test_a_pose_waits_for_nothing_that_can_come_later_and_the_next_frame_for_all_of_it(
+    rov, scene, method
+):
     done = []
     node = rov.estimator
 
@@ -90,14 +114,19 @@ def test_a_pose_waits_for_nothing_that_can_come_later_and_the_next_frame_for_all
     noted(node.pipeline.tracker, "track", "track")
     noted(node.tracks, "publish", "odometry")
     noted(node, "hand_over", "command")
+    noted(rov.formation, "on_look", "look")
     noted(rov.feature.features, "publish", "features")
+    if method == "least_squares":
+        noted(rov.feature, "key_parameters", "parameters")
     images = ForwardModel(scene).expose(np.tile(POSE, (2, 1)), np.random.default_rng(7))
     for seconds, image in enumerate(images, 1):  # both before the executor has a turn
         header = Header(stamp=Time(sec=seconds), frame_id="rov/array")
         rov.feature.on_image(image_to_message(image, header))
-    at_once, rest = ["pose", "features"], ["track", "odometry", "command"]
-    assert done == [*at_once, *rest, *at_once]
-    rov.lab.until(lambda: done == 2 * [*at_once, *rest], "the rest")
+    whole = ["pose", "look", "track", "odometry", "command", "features"]
+    if method == "least_squares":
+        whole.insert(1, "parameters")
+    assert done == [*whole, "pose"]
+    rov.lab.until(lambda: done == 2 * whole, "the rest")
 
 
 def test_of_images_that_wait_the_newest_is_served_and_the_others_are_counted(rov, scene):

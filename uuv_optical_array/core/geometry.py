@@ -260,17 +260,17 @@ def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float | Arr
     the roll: its covariance with the pose, and its variance, ``(6,)``. Abeam the pitch and the beam
     have one axis, so abs(yaw) < pi/2.
     """
-    _, y, z, pitch, yaw = np.asarray(pose, dtype=float)
-    jacobian = np.eye(6, 5)
-    jacobian[3:, PITCH:] = (-sin(yaw), 0.0), (cos(yaw), 0.0), (0.0, 1.0)
-    joint = np.zeros((6, 6))
+    _, y, z, pitch, yaw = np.asarray(pose, dtype=float).tolist()
+    sin_y, cos_y = math.sin(yaw), math.cos(yaw)
+    jacobian, joint = np.eye(6), np.zeros((6, 6))
     joint[:5, :5] = covariance
     if isinstance(roll_std, np.ndarray):
-        ahead = cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), -sin(pitch)
-        jacobian = np.column_stack([jacobian, [0.0, 0.0, 0.0, *ahead]])
+        by_roll = 0.0, 0.0, 0.0, cos_y * math.cos(pitch), sin_y * math.cos(pitch), -math.sin(pitch)
         joint[5], joint[:, 5] = roll_std, roll_std
     else:
-        jacobian = np.column_stack([jacobian, [0.0, -z, y, 1.0, 0.0, 0.0]])
+        by_roll = 0.0, -z, y, 1.0, 0.0, 0.0
         joint[5, 5] = roll_std**2
+    jacobian[:, 5] = by_roll
+    jacobian[3:, PITCH:5] = (-sin_y, 0.0), (cos_y, 0.0), (0.0, 1.0)
     mapped = jacobian @ joint @ jacobian.T
     return (mapped + mapped.T) / 2

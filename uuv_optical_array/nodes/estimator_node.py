@@ -49,6 +49,7 @@ from uuv_optical_array.nodes.shared.node import (
     unsubscribe,
 )
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
+from uuv_optical_array.nodes.shared.rest import Rest
 
 PARAMETERS = {
     **shared("scene", "frame_prefix", "base_frame", "beacon_position_m", "publish_tf"),
@@ -103,7 +104,7 @@ class EstimatorNode(Node):
 
     `hand_over` takes each track after it is published; with it neither key parameters nor images
     come by topic: a node of the same process calls `on_image` where the node `fits`, else
-    `on_features`.
+    `on_features`, and ``rest.finish`` once the pose is heard.
     """
 
     def __init__(self, hand_over: Callable[[Odometry], None] | None = None, **options: Any) -> None:
@@ -121,7 +122,8 @@ class EstimatorNode(Node):
         self.extent = np.transpose([(axis[0], axis[-1]) for axis in grid_axes(self.scene.table)])
         self.order, self.range_order = messages.StampOrder(), messages.StampOrder()
         self.range_ns = 0  # stamp of the last range that the track refused
-        self.rest: Callable[[], None] | None = None  # of the last frame, once its pose is out
+        # Of the last frame, once its pose is out.
+        self.rest = Rest(self if hand_over is None else None)
         self.diagnostics = Diagnostics(self)
         self.fits: bool | None = None  # whether images are answered by themselves; None: not yet
         self.inputs: list[Subscription] = []  # of images and key parameters
@@ -227,7 +229,7 @@ class EstimatorNode(Node):
             if settings.method != FIT:
                 source = estimator.table  # the next one need not build it again
         self.listen(method)
-        self.finish()  # nothing is refused from here on
+        self.rest.finish()  # nothing is refused from here on
         self.source = source
         if estimator is not None:
             if self.pipeline is None:
@@ -329,7 +331,7 @@ class EstimatorNode(Node):
 
     def answer(self, header: Header, image: Array | None, parameters: Array | None) -> None:
         """Publish the pose of image, key parameters or both; errors of `Pipeline.estimate`."""
-        self.finish()
+        self.rest.finish()
         if self.pipeline is None:
             raise Refused("no table: see the error")
         roll, roll_std = self.roll_at(header)
@@ -342,15 +344,7 @@ class EstimatorNode(Node):
         pose = messages.pose_to_message(estimate.pose, covariance, header, roll)
         if self.poses.publish(pose):
             known = roll, roll_std
-            self.rest = partial(self.follow_up, self.pipeline, estimate, pose, *known)
-            if self.executor is not None:  # a node of the same process hears the pose first
-                self.executor.create_task(self.finish)
-
-    def finish(self) -> None:
-        """Do the rest of the last frame now, as the next may need it."""
-        rest, self.rest = self.rest, None
-        if rest is not None:
-            rest()
+            self.rest.leave(partial(self.follow_up, self.pipeline, estimate, pose, *known))
 
     def follow_up(
         self,

@@ -22,6 +22,7 @@ from uuv_optical_array.nodes.shared import messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe
 from uuv_optical_array.nodes.shared.parameters import Parameters, parameters_of, shared
+from uuv_optical_array.nodes.shared.rest import Rest
 
 HandOver: TypeAlias = Callable[[Header, Array, Callable[[], Array | None]], None]
 
@@ -32,32 +33,48 @@ class FeatureNode(Node):
     """Publish one point of five fields for each image; no point where there is no light.
 
     `hand_over` takes header, counts, and what returns the key parameters or ``None``, of each image
-    before anything is published; with it only the newest of the images that wait is served.
+    at once; then only the newest of the images that wait is served, and what it does not ask for
+    comes afterwards: `look` takes header and key parameters, and they are published.
     """
 
-    def __init__(self, hand_over: HandOver | None = None, **options: Any) -> None:
+    def __init__(
+        self,
+        hand_over: HandOver | None = None,
+        look: Callable[[Header, Array | None], None] | None = None,
+        **options: Any,
+    ) -> None:
         super().__init__("feature_node", **options)
         self.parameters = Parameters(self, PARAMETERS)
         self.scene = load_scene(self.parameters["scene"])
         self.order = messages.StampOrder()
         self.diagnostics = Diagnostics(self)
         self.features = publish(self, PointCloud2, "array/features")
-        self.hand_over = hand_over
+        self.hand_over, self.look, self.rest = hand_over, look, Rest(self)
         subscribe(self, Image, "array/image", self.on_image, newest=hand_over is not None)
 
     def on_image(self, message: Image) -> None:
-        """Publish the key parameters of one image."""
+        """Answer one image."""
+        self.rest.finish()
         with self.diagnostics.refusing():
             self.order.check(message.header, self.get_clock().now().nanoseconds)
             image = image_from_message(message, self.scene.array, self.scene.lamp_count)
             features = cache(partial(self.key_parameters, image))
-            if self.hand_over is not None:
+            if self.hand_over is None:
+                self.tell(message.header, image, features)
+            else:
                 self.hand_over(message.header, image, features)
+                self.rest.leave(partial(self.tell, message.header, image, features))
+
+    def tell(self, header: Header, image: Array, features: Callable[[], Array | None]) -> None:
+        """Publish the key parameters of an image."""
+        with self.diagnostics.refusing():
             parameters = features()
+            if self.look is not None:
+                self.look(header, parameters)
             if self.features.heard:
-                self.features.publish(messages.features_to_message(parameters, message.header))
+                self.features.publish(messages.features_to_message(parameters, header))
             if parameters is not None:
-                self.diagnostics.answer(stamp_ns(message.header), lambda: self.figures(image))
+                self.diagnostics.answer(stamp_ns(header), lambda: self.figures(image))
 
     def key_parameters(self, image: Array) -> Array | None:
         """Return those of an image, shape ``(5,)``; ``None`` and a refusal without light."""

@@ -21,14 +21,17 @@ def follower() -> tuple[FeatureNode, EstimatorNode, FormationNode]:
     formation = FormationNode(subscribed=False)
     estimator = EstimatorNode(hand_over=formation.on_track)
 
-    def hand_over(header: Header, image: Array, features: Callable[[], Array | None]) -> None:
-        if estimator.fits:  # so that its pose waits for no key parameters
+    def on_image(header: Header, image: Array, features: Callable[[], Array | None]) -> None:
+        if estimator.fits:  # so that the pose waits for no key parameters
             estimator.on_image(header, image)
         else:
             estimator.on_features(header, features(), image)
-        formation.on_look(header, features())
 
-    return FeatureNode(hand_over=hand_over), estimator, formation
+    def on_look(header: Header, parameters: Array | None) -> None:
+        formation.on_look(header, parameters)
+        estimator.rest.finish()
+
+    return FeatureNode(on_image, on_look), estimator, formation
 
 
 main = partial(run, follower)

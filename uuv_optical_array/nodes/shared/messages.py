@@ -186,9 +186,9 @@ def pose_to_message(
 ) -> PoseWithCovarianceStamped:
     """Pack a pose ``(x, y, z, pitch, yaw)``, its roll, and its 6x6 covariance."""
     message, sign = PoseWithCovarianceStamped(header=header), signs(header.frame_id)
-    pitch, yaw = sign[4] * pose[PITCH], sign[5] * pose[YAW]
-    write_pose(message.pose.pose, sign[:3] * pose[:3], pitch, yaw, roll)
-    message.pose.covariance = (np.outer(sign, sign) * covariance).ravel()
+    *place, pitch, yaw = map(float, pose)
+    write_pose(message.pose.pose, sign[:3] * place, sign[4] * pitch, sign[5] * yaw, roll)
+    message.pose.covariance = (sign[:, None] * covariance * sign).ravel()
     return message
 
 

@@ -1,5 +1,6 @@
 """A slow course before the lamp, its images as messages, and the nodes that answer them."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -70,6 +71,7 @@ def serve(arguments: list[str], others: tuple = ()) -> None:
         executor.add_node(node)
     estimator = nodes[1]
     estimator.pipeline.estimator.wait()
+    gc.freeze()  # as the programs do
     print(READY, flush=True)
     spin(executor)
     rclpy.try_shutdown()

@@ -10,6 +10,7 @@ fit, all of the estimate, and the track as far as the pose waits for it.
 """
 
 import argparse
+import gc
 import signal
 import statistics
 import sys
@@ -144,6 +145,7 @@ def measure(args: argparse.Namespace, apart: bool, method: str, side: int) -> No
         spin(executor, lambda: not asker.connected())
         if not apart:
             estimator.pipeline.estimator.wait()
+        gc.freeze()  # as the programs do
         begun_ns = 10**9
         for rate_hz in args.rates:
             count = round(args.seconds * rate_hz)

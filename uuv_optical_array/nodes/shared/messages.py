@@ -6,7 +6,9 @@ has forward (or north), right (or east) and down: here its messages get half a t
 
 import math
 import re
+from collections.abc import Callable
 from functools import cache
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -46,23 +48,33 @@ def not_finite(message: Any) -> str:
     """Return where in a ROS message a number is not finite; empty where all are."""
     if isinstance(message, PointCloud2):  # of `features_to_message`
         return "" if np.isfinite(np.frombuffer(message.data, dtype="<f8")).all() else "data"
-    for name, inner, several in _fields(message.__class__):
-        value = getattr(message, name)
-        if inner:
-            for part in value if several else (value,):
-                if where := not_finite(part):
-                    return f"{name}.{where}"
-        elif not (np.isfinite(value).all() if several else math.isfinite(value)):
+    numbers, arrays, messages = _places(message.__class__)
+    for name, get in numbers:
+        if not math.isfinite(get(message)):
             return name
+    for name, get in arrays:
+        if not np.isfinite(get(message)).all():
+            return name
+    for name, get in messages:
+        for part in get(message):
+            if where := not_finite(part):
+                return f"{name}.{where}"
     return ""
 
 
 @cache
-def _fields(message_type: Any) -> list[tuple[str, bool, bool]]:
-    """Return the fields that may hold floats, whether they hold messages, and whether several."""
-    fields = message_type.get_fields_and_field_types().items()
-    kinds = [(name, kind) for name, kind in fields if re.search("/|double|float", kind)]
-    return [(name, "/" in kind, kind[-1] in "]>") for name, kind in kinds]
+def _places(message_type: Any) -> list[list[tuple[str, Callable[[Any], Any]]]]:
+    """Return where floats, arrays of them and lists of messages are, and what gets them."""
+    places: list[list[str]] = [[], [], []]
+    usual = message_type()
+    for name, kind in message_type.get_fields_and_field_types().items():
+        several = kind[-1] in "]>"
+        if "/" in kind and not several:
+            for names, inner in zip(places, _places(getattr(usual, name).__class__), strict=True):
+                names += [f"{name}.{place}" for place, _ in inner]
+        elif re.search("/|double|float", kind):
+            places[2 if "/" in kind else several].append(name)
+    return [[(name, attrgetter(name)) for name in names] for names in places]
 
 
 class StampOrder:

@@ -15,7 +15,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.parameter import Parameter
 from scenes import changed
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import Image, Range
+from sensor_msgs.msg import Image, PointCloud2, Range
 from std_msgs.msg import Header
 from tables import write_table
 
@@ -129,6 +129,18 @@ def test_a_bad_table_is_an_error_at_the_start_and_refused_at_run_time(
     assert_is(asker.ask(signatures[2], 3), matched(table, signatures[2]))
     assert asker.seconds_answered() == [2, 3]
     lab.report(asker.node, OK)
+
+
+def test_a_node_without_a_table_takes_another_method_too(lab, scene_file, scene, images, table):
+    shower = Shower(lab, scene_file, scene, table="/nowhere")
+    lab.report(shower.node, ERROR, "no table there")
+    assert lab.set(shower.node, "method", "least_squares").successful
+    assert topics_of(shower.node) == {"/array/image", "/cmd_vel"}
+    lab.connect()
+    shower.lab.deliver(shower.node, shower.images, shower.picture(images[0], 1))
+    assert lab.set(shower.node, "table", "").successful
+    assert_is(shower.show(images[1], 2), Estimator(table).estimate(images[1]))
+    assert shower.seconds_answered() == [2]
 
 
 def test_what_is_set_at_once_is_taken_whole_and_decides_what_is_answered(
@@ -262,6 +274,13 @@ def test_the_method_and_what_it_reads_can_change_while_the_node_runs(shower, ima
     assert topics_of(shower.node) == {"/array/image", "/cmd_vel"}
     shower.lab.connect()
     assert_is(shower.show(images[2], 3), Estimator(table).estimate(images[2]))
+    # Of what it does not read there may be several.
+    shower.lab.talk(PointCloud2, "array/features")
+    count = shower.node.count_publishers
+    shower.lab.until(lambda: count("array/features") == 2, "the other publisher")
+    shower.lab.statuses.clear()
+    shower.show(images[3], 4)
+    shower.lab.report(shower.node, OK, value="method")
 
 
 def test_a_topic_that_cannot_be_subscribed_to_leaves_the_method_as_it_was(

@@ -20,8 +20,8 @@ class Estimate:
     - unobservable: degrees of freedom of which the image says next to nothing.
     - readings: likelihood of the image near its best fit; ``None`` where nothing was expected, it
       is far from Gaussian, or something may shade the image.
-    - stretch: factor, >= 1, of the covariance and so of the readings' variances, by the residuals.
     - clear: probability that the image is lit as the scene says: by no shade, nor else unevenly.
+    - believed: probability of each reading that it is of the light, shape ``(n,)``; ``None``: 1.
     - left_out: rows and columns, from 0, of detectors left out: dead, stuck, dirty or in a glint.
     - roll: by several lamps, how much more the follower rolls than was given, rad.
     - turn: covariance of the roll with the pose, and its variance, ``(6,)``; ``None`` by one lamp.
@@ -37,12 +37,12 @@ class Estimate:
     runner_up_misfit: float = math.nan
     unobservable: tuple[str, ...] = ()
     readings: LinearisedReadings | None = None
-    stretch: float = 1.0
     clear: float = 1.0
     left_out: tuple[tuple[int, int], ...] = ()
     roll: float = 0.0
     turn: Array | None = None
     dark_lamp: int | None = None
+    believed: Array | None = None
 
     @property
     def fault(self) -> str:

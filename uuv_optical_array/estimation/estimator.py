@@ -318,9 +318,5 @@ class Estimator:
         """Return what linearises an image, whose estimate and roll are given, near any place."""
         self.check_shape(image)
         readings = np.array(image, dtype=float).reshape(-1)
-        lamps, detectors = self.scene.lamp_count, self._side**2
-        weights = np.ones((lamps, detectors))
-        weights[:, [self._side * row + column for row, column in estimate.left_out]] = 0.0
-        if estimate.dark_lamp is not None:
-            weights[estimate.dark_lamp] = 0.0
-        return lambda at: self._fit.near(readings, at, roll, estimate.stretch, weights.ravel())
+        weights = np.ones(len(readings)) if estimate.believed is None else estimate.believed
+        return lambda at: self._fit.near(readings, at, roll, weights)

@@ -39,8 +39,11 @@ SHADES = tuple(f"shade.mode_{k}" for k in range(1, 6))
 SHADE_DECAY, SHADE_ORDERS = 1 / 4, (1, 1, 2, 2, 2)
 RIM = 0.25  # depth of a cloud's rim relative to its middle
 # Uneven light that the scene does not name: a smooth shade, in the logarithm of the lamp's light,
-# and a gradient of daylight, relative to full scale. Our choice, for the unforeseen.
+# and a gradient of daylight, relative to full scale. Our choice, for the unforeseen, as are its
+# sizes, of that, with the share of each, and the share of such frames by several lamps, at least.
 UNEVEN_DEPTH, UNEVEN_DAYLIGHT = 0.2, 0.02
+UNEVEN_SIZES = (0.25, 2 / 3), (1.0, 1 / 3)
+UNEVEN_BY_LAMPS = 3e-3
 
 Known = Literal["exactly", "calibrated", "as_bought"]
 
@@ -77,7 +80,7 @@ UNCERTAIN = {
     "lamps_place_std_m": Uncertain(OWN_GEOMETRY[:3], 0.002, 0.01, LAMPS),
     "roll_std_deg": Uncertain((), 1.15, 1.15, LAMPS),
     "gain_std": Uncertain((), 0.005, 0.01),
-    "uneven_probability": Uncertain((), 0.02, 0.02),
+    "uneven_probability": Uncertain((), 0.1, 0.1),
 }
 PRIORS: dict[str, dict[str, float]] = {
     "exactly": {},
@@ -93,12 +96,14 @@ class FrameLight(NamedTuple):
     - depth: of an uneven shade, in the logarithm of the lamp's light.
     - cloud: whether part of the shade is even, like a weaker lamp.
     - daylight_counts: standard deviation of the ambient's rise from middle to edges, counts.
+    - size: of what the scene does not name, from 0 for none to 1.
     """
 
     share: float
     depth: float = 0.0
     cloud: bool = False
     daylight_counts: float = 0.0
+    size: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -169,15 +174,21 @@ class PriorSettings:
         stds[ROLL] = math.radians(self.roll_std_deg) if count else 0.0
         return {name: std for name, std in stds.items() if std > 0}
 
-    def lights(self, daylight_scale_counts: float) -> list[FrameLight]:
-        """Return the kinds of frame, clear ones first; the scale is that of unforeseen daylight."""
+    def lights(self, daylight_scale_counts: float, lamps: int = 0) -> list[FrameLight]:
+        """Return the kinds of frame, clear ones first.
+
+        The scale is that of unforeseen daylight; `lamps` are how many the scene names, if any.
+        """
         unclear: list[FrameLight] = []
         if share := self.shade_probability:
             depths = self.shade_depth, RIM * self.shade_depth
             unclear = [FrameLight(share / 2, depth, True) for depth in depths]
-        elif share := self.uneven_share:
-            daylight = UNEVEN_DAYLIGHT * daylight_scale_counts
-            unclear = [FrameLight(share, UNEVEN_DEPTH, False, daylight)]
+        elif share := max(self.uneven_share, UNEVEN_BY_LAMPS if lamps else 0.0):
+            depth, daylight = UNEVEN_DEPTH, UNEVEN_DAYLIGHT * daylight_scale_counts
+            unclear = [
+                FrameLight(share * part, size * depth, False, size * daylight, size)
+                for size, part in UNEVEN_SIZES
+            ]
         return [FrameLight(1 - share), *unclear]
 
     @property

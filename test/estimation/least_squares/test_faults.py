@@ -117,7 +117,8 @@ def test_the_readings_left_out_are_the_best_of_all_pairs(estimator):
         (0, 3, 15, 3),  # two percent of full scale are more than 15 counts
     ],
 )
-def test_what_is_left_out_is_a_seventh_of_what_is_lit(estimator, dark, full, level, count):
+def test_what_need_not_be_believed_is_a_seventh_of_what_is_lit(estimator, dark, full, level, count):
     readings = np.full(25, float(level))
     readings[:dark], readings[25 - full :] = 0, 1023
-    assert most_faulty(estimator._fit._kinds[0].problem._replace(readings=readings)) == count
+    problem = estimator._fit._kinds[0].problem._replace(readings=readings)
+    assert most_faulty(problem) == count

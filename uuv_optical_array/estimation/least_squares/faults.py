@@ -1,61 +1,50 @@
-"""Faulty detectors: readings that no pose explains, while one pose explains all others.
+"""Faulty detectors, whose readings are not believed.
 
-They are found by least trimmed squares (P. Rousseeuw, 1984, J. Am. Stat. Assoc. 79, 871): from
-poses whose images are alike but for a few readings, fits leave out the few farthest off, until
-these stay the same. Then each is taken back with which the rest still fits. A faulty detector
-is so in the images of all lamps.
+Readings are Gaussian about the light, or those of a detector that is dead, stuck, dirty or in a
+glint: anything to full scale, of all lamps. How far a detector is believed is its weight, which
+follows from its residuals, and the fit from the weights, in turns (A. Dempster, N. Laird and
+D. Rubin, 1977, J. R. Stat. Soc. B 39, 1). From afar all residuals are large, so the noise is taken
+for larger at first, and cools (A. Blake and A. Zisserman, *Visual Reconstruction*, 1987).
 """
-
-from typing import Any
 
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
-    MOST_STEPS,
     Problem,
     light_at,
     lit,
-    misfit,
     refine,
     start_at,
 )
 from uuv_optical_array.forward.optics import ReadingNoise, reading_variance
 
-MOST_FAULTY = 3
-LIT_EACH = 6  # clearly lit detectors beside each that may be left out, or the rest fits anything
-# Probability that a detector is, in an image that does not fit: it reads anything to full scale.
-FAULTY = 1e-2
-STARTS, ROUNDS = 8, 5
-ROWS = 1536  # poses whose images are compared
-# Cost of a detector, as of three standard deviations, up to which it is no fault, and what each
-# further lamp adds, as chi-squares of more degrees of freedom are about so much larger.
-TAKEN_BACK, EACH_LAMP = 4.5, 1.25
-WELL = 0.84  # score of a fit from which the readings that are left out may be the wrong ones
+FAULTY = 1e-2  # probability that a detector reads anything, in an image that does not fit
+AT_LIMIT = 0.25  # and that it is then dark, or at full scale
+# Cost of a detector, as of three standard deviations, beyond which it is hardly believed: where one
+# is faulty, few others are worth the risk. Each further lamp adds what chi-squares of more degrees
+# of freedom are larger.
+DOUBTED, EACH_LAMP = 4.5, 1.25
+LIT_EACH = 6  # clearly lit detectors beside each that is not believed, or the rest fits anything
+STARTS = 8
+COOLER = 0.25  # factor of the variance from turn to turn
+TURNS, STEPS = 12, 6  # of weights and fit, and steps of the latter
+SETTLED = 1e-2  # change of the weights from which they stay
 
 
-def lamps_of(problem: Problem) -> Any:
+def lamps_of(problem: Problem) -> int:
     """Return how many lamps an image is of."""
     return problem.optics.lamps.shape[1]
 
 
 def most_faulty(problem: Problem) -> int:
-    """Return how many detectors may be left out; they may be the brightest."""
+    """Return how many detectors need not be believed; they may be the brightest."""
     readings = np.sort(problem.readings.reshape(lamps_of(problem), -1).max(axis=0))
-    for count in range(MOST_FAULTY, 0, -1):
-        others = problem._replace(readings=readings[:-count])
-        full = np.count_nonzero(others.readings >= problem.noise.high)
-        if lit(others) + 2 * full >= LIT_EACH * count:
+    for count in range(len(readings) // (LIT_EACH + 1), 0, -1):
+        if lit(problem._replace(readings=readings[:-count])) >= LIT_EACH * count:
             return count
     return 0
-
-
-def log_odds(problem: Problem, light: Any) -> Any:
-    """Return by how much a fault is more probable than light that the reading hits exactly."""
-    full = min(problem.noise.high, 2 * problem.readings.max() + 1)
-    faulty = FAULTY ** (1 / lamps_of(problem))  # a detector is so in the images of all lamps
-    return np.log(faulty / full * np.sqrt(2 * np.pi * reading_variance(light, problem.noise)))
 
 
 def grows(noise: ReadingNoise) -> bool:
@@ -63,13 +52,46 @@ def grows(noise: ReadingNoise) -> bool:
     return noise.slope > 0 or noise.square > 0
 
 
-def trim(squares: Array, count: int, weights: Array) -> bool:
-    """Give the detectors of the largest squares no weight; returns whether that changes any."""
-    before, detectors = weights.copy(), len(squares)
-    weights.fill(1.0)
-    for _ in range(count):
-        weights[(squares * weights[:detectors]).argmax() :: detectors] = 0.0
-    return bool((before != weights).any())
+def write_squares(problem: Problem, light: Array, squares: Array) -> None:
+    """Write by how many standard deviations detectors are off, squared, in all images."""
+    noise = problem.noise
+    squares.fill(0.0)
+    for j in range(len(light)):
+        off = problem.readings[j] - min(max(light[j], noise.low), noise.high)
+        squares[j % len(squares)] += off * off / reading_variance(light[j], noise)
+
+
+def weigh(problem: Problem, squares: Array, heat: float) -> tuple[float, float]:
+    """Write how far detectors are believed, by a variance `heat` times as large.
+
+    - returned: largest change of a weight, and what the weights add to the cost of the readings.
+    """
+    weights, detectors = problem.weights, len(squares)
+    doubted = DOUBTED + EACH_LAMP * (lamps_of(problem) - 1)
+    change, cost = 0.0, 0.0
+    for d in range(detectors):
+        weight = 1 / (1 + np.exp(min(0.5 * squares[d] / heat - doubted, 500.0)))
+        change = max(change, abs(weight - weights[d]))
+        weights[d::detectors] = weight
+        cost += doubted * (1 - weight) + weight * np.log(weight)
+        if weight < 1:
+            cost += (1 - weight) * np.log(1 - weight)
+    return change, cost
+
+
+def log_faulty(problem: Problem, light: Array) -> float:
+    """Return the logarithm of the probability of readings that are not believed, as faults."""
+    noise, log, faulty = problem.noise, 0.0, FAULTY ** (1 / lamps_of(problem))
+    full = min(noise.high, 2 * np.max(problem.readings) + 1)
+    for j in range(len(light)):
+        doubt = 1 - problem.weights[j]
+        if noise.low < problem.readings[j] < noise.high:
+            # The cost of readings leaves out what the variance adds where that does not grow.
+            variance = 1.0 if grows(noise) else reading_variance(light[j], noise)
+            log += doubt * (np.log(faulty / full) + 0.5 * np.log(2 * np.pi * variance))
+        else:
+            log += doubt * np.log(faulty * AT_LIMIT)
+    return log
 
 
 def write_unlike(roots: Array, row: int, sight: Array, squares: Array) -> None:
@@ -79,96 +101,60 @@ def write_unlike(roots: Array, row: int, sight: Array, squares: Array) -> None:
         squares[j % len(squares)] += (roots[j, row] - sight[j]) ** 2
 
 
-def write_squares(problem: Problem, at: Array, squares: Array) -> Array:
-    """Write by how many standard deviations detectors are off, squared; returns the light."""
-    light, noise = light_at(problem, at), problem.noise
-    squares.fill(0.0)
-    for j in range(len(light)):
-        off = problem.readings[j] - min(max(light[j], noise.low), noise.high)
-        squares[j % len(squares)] += off**2 / reading_variance(light[j], noise)
-    return light
+def heat_of(squares: Array) -> float:
+    """Return the factor of the variance that makes most residuals usual ones."""
+    return max(np.sort(squares)[len(squares) // 2], 1.0)
 
 
-def leave_out(problem: Problem, poses: Array, roots: Array, count: int) -> bool:
-    """Give detectors that no pose explains no weight, and the light of the pose of the others.
+def settle(problem: Problem, at: Array, squares: Array) -> tuple[float, Array]:
+    """Fit readings from a place with the weights that they deserve, which are written.
 
-    - problem: with readings and weights of its own, which are written.
+    - squares: workspace, one for each detector.
+    - returned: cost in all, and where that is.
+    """
+    write_squares(problem, light_at(problem, at), squares)
+    heat, total = heat_of(squares), np.inf
+    for _ in range(TURNS):
+        change, added = weigh(problem, squares, heat)
+        state = refine(problem, at, STEPS)
+        at, total = state.parts[AT].copy(), state.cost + added
+        write_squares(problem, light_at(problem, at), squares)
+        if heat == 1 and change < SETTLED:
+            break
+        heat = max(min(COOLER * heat, heat_of(squares)), 1.0)
+    return total, at
+
+
+def disbelieve(problem: Problem, poses: Array, roots: Array) -> float:
+    """Write the weights of readings where one pose explains most of them, by the best of starts.
+
+    - problem: with readings and weights of its own; what is not believed is made that of the pose.
     - poses, roots: where fits may start, as `frame.Guide` has them.
-    - returned: whether there is such a detector, of at most `count`, > 0.
+    - returned: logarithm of the probability of what is not believed.
     """
     weights, readings, noise = problem.weights, problem.readings, problem.noise
-    lamps, sight = lamps_of(problem), np.sqrt(np.maximum(readings, 0.0))
-    detectors = len(readings) // lamps
-    squares, distances = np.zeros(detectors), np.empty(min(len(poses), ROWS))
+    sight, squares = (
+        np.sqrt(np.maximum(readings, 0.0)),
+        np.empty(len(readings) // lamps_of(problem)),
+    )
+    distances = np.empty(roots.shape[1])
+    kept = len(squares) - max(len(squares) // (LIT_EACH + 1), 1)
     for row in range(len(distances)):
         write_unlike(roots, row, sight, squares)
-        trim(squares, count, weights)
-        distances[row] = (squares * weights[:detectors]).sum()
-    least, at, best = np.inf, start_at(problem, poses[0]), weights.copy()
-    there = at
+        distances[row] = np.sort(squares)[:kept].sum()
+    least, best, at = np.inf, weights.copy(), start_at(problem, poses[0])
     for _ in range(STARTS):
-        row = int(distances.argmin())
+        row = int(np.argmin(distances))
         distances[row] = np.inf
-        write_unlike(roots, row, sight, squares)
-        trim(squares, count, weights)
-        alike, there, cost = weights, start_at(problem, poses[row]), least
-        for _ in range(ROUNDS):
-            alike = weights.copy()
-            state = refine(problem, there, MOST_STEPS)
-            there, cost = state.parts[AT].copy(), state.cost
-            write_squares(problem, there, squares)
-            if not trim(squares, count, weights):
-                break
+        weights.fill(1.0)
+        cost, there = settle(problem, start_at(problem, poses[row]), squares)
         if cost < least:
-            least, at, best = cost, there, alike
-    for j in range(len(readings)):
-        weights[j] = best[j]
-    # A detector that bends the fit is not far off, and another one in its place.
-    suspects = best
-    for place in range(detectors):
-        if suspects[place] > 0:
-            continue
-        if misfit(problem, at).score < WELL:
-            break
-        swapped = place
-        weights[place::detectors] = 1.0
-        for j in range(detectors):
-            if best[j] > 0:
-                weights[j::detectors] = 0.0
-                state = refine(problem, at, MOST_STEPS)
-                if state.cost < least:
-                    least, there, swapped = state.cost, state.parts[AT].copy(), j
-                weights[j::detectors] = 1.0
-        weights[swapped::detectors] = 0.0
-        if swapped != place:
-            at, best = there, weights.copy()
-    for _ in range(count):
-        light = write_squares(problem, at, squares)
-        j, nearest = 0, np.inf
-        for k in range(detectors):
-            if weights[k] == 0 and squares[k] < nearest:
-                j, nearest = k, squares[k]
-        weights[j::detectors] = 1.0
-        state = refine(problem, at, MOST_STEPS)
-        worse = state.cost - least
-        if grows(noise):
-            for k in range(j, len(light), detectors):
-                worse -= 0.5 * np.log(reading_variance(light[k], noise))
-        if worse > TAKEN_BACK + EACH_LAMP * (lamps - 1):
-            weights[j::detectors] = 0.0
-            break
-        least, at = state.cost, state.parts[AT].copy()
+            least, best, at = cost, weights.copy(), there
     light = light_at(problem, at)
-    for j in range(len(readings)):
-        if weights[j] == 0:
+    for j in range(len(weights)):
+        weights[j] = best[j]
+    log = log_faulty(problem, light)
+    for j in range(len(weights)):
+        if weights[j] < 0.5:
             readings[j] = min(max(light[j], noise.low), noise.high)
-    return bool((weights == 0).any())
-
-
-def log_evidence(problem: Problem) -> float:
-    """Return the logarithm of the probability of the readings that are left out, as faults."""
-    out = problem.weights == 0
-    odds = log_odds(problem, problem.readings[out])
-    if grows(problem.noise):
-        odds = odds - 0.5 * np.log(reading_variance(problem.readings[out], problem.noise))
-    return float(np.sum(odds))
+    return log

@@ -11,7 +11,7 @@ import numpy as np
 from uuv_optical_array.core.geometry import PITCH, YAW, Array
 from uuv_optical_array.core.numerics.gauss_newton import first_damping
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
-from uuv_optical_array.estimation.least_squares.faults import leave_out
+from uuv_optical_array.estimation.least_squares.faults import disbelieve
 from uuv_optical_array.estimation.least_squares.posterior import (
     PosteriorMoments,
     integrate,
@@ -27,18 +27,18 @@ from uuv_optical_array.estimation.least_squares.problem import (
     POSE,
     UNUSUAL,
     USUAL,
-    Misfit,
     Problem,
     State,
     evaluate,
     lit,
     misfit,
+    propose,
     refine,
     start_at,
     step,
 )
 from uuv_optical_array.estimation.signature.features import write_parameters
-from uuv_optical_array.estimation.unknowns.coordinates import quarter_turn
+from uuv_optical_array.estimation.unknowns.coordinates import quarter_turn, to_lamp
 
 MOST_STARTS = 64
 # So few lit detectors fit many poses, and all starts are tried at once.
@@ -55,7 +55,6 @@ LONG_STEPS = 2
 FOLLOWED = 16
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
-NO_FIT = Misfit(np.inf, np.inf, 1.0)
 
 
 class Guide(NamedTuple):
@@ -88,12 +87,14 @@ class FrameResult(NamedTuple):
 
     - outcome: `FITTED`, or why there is no pose.
     - pose, covariance: m and rad, shapes ``(5,)`` and ``(5, 5)``.
-    - score, runner_up_score: `Misfit.lenient_score` of the two best minima; nan: there is none.
-    - strict_score, stretch: `Misfit.score` and stretch of the best; the covariance has the latter.
+    - score, runner_up_score: `problem.misfit` of the two best minima; nan: there is none.
     - best: pose and nuisances of the best minimum, shape ``(p,)``.
-    - log_evidence: of likelihood times prior, integrated, without constants of readings and pose.
+    - log_evidence: of likelihood times prior, integrated, but for what all kinds have in common.
+    - linear_log_evidence: the same by Laplace's approximation about the best minimum.
+    - coordinates: of `best`, shape ``(5,)``.
     - runner_up: pose of the next minimum; nan where there is none.
     - angle, runner_up_angle: spectral angles to the two nearest rows, rad.
+    - weights: of the readings, shape ``(n,)``.
     - wider: whether the covariance had to be wider to cover a minimum about as likely as the best.
     """
 
@@ -105,10 +106,11 @@ class FrameResult(NamedTuple):
     runner_up_score: float
     angle: float
     runner_up_angle: float
-    stretch: float
     best: Array
     log_evidence: float
-    strict_score: float
+    linear_log_evidence: float
+    coordinates: Array
+    weights: Array
     wider: bool = False
 
 
@@ -192,7 +194,7 @@ def rivals(minima: list[State]) -> bool:
 
 def find_minima(
     problem: Problem, guide: Guide, unit: Array
-) -> tuple[list[State], Misfit, float, float]:
+) -> tuple[list[State], float, float, float]:
     """Return the minima, best first, the misfit of the first, and the angles of the nearest rows.
 
     Where the first starts lead to rivals or to a fit that noise can hardly explain, more follow.
@@ -208,7 +210,7 @@ def find_minima(
     minima = [refine(problem, start_at(problem, guide.poses[rows[0]]), MOST_STEPS)]
     if not np.isfinite(minima[0].cost):
         minima.clear()
-    tried, best_misfit, first = 1, NO_FIT, True
+    tried, score, first = 1, np.inf, True
     while True:
         steps = MOST_STEPS if count == guide.candidates else FEW_STEPS
         for i in range(tried, count):
@@ -224,8 +226,8 @@ def find_minima(
             minima = minima[:1] + minima[2:]  # compiled, `del` would damage what others hold
             insert(minima, second)
         if len(minima) > 0:
-            best_misfit = misfit(problem, minima[0].parts[AT])
-            enough = best_misfit.score <= (USUAL if first else UNUSUAL)
+            score = misfit(problem, minima[0].parts[AT])
+            enough = score <= (USUAL if first else UNUSUAL)
             if enough and not (first and rivals(minima)):
                 break
         if count == most:
@@ -238,8 +240,8 @@ def find_minima(
         for state in found:
             insert(minima, refine(problem, state.parts[AT], MANY_STEPS))
         if len(minima) > 0:
-            best_misfit = misfit(problem, minima[0].parts[AT])
-    return minima, best_misfit, angle, second_angle
+            score = misfit(problem, minima[0].parts[AT])
+    return minima, score, angle, second_angle
 
 
 def posterior_about(problem: Problem, minima: list[State]) -> PosteriorMoments:
@@ -270,58 +272,84 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
     return wider
 
 
-def estimate_frame(problem: Problem, guide: Guide, most_faulty: int) -> FrameResult:
+def estimate_frame(problem: Problem, guide: Guide, doubting: bool) -> FrameResult:
     """Estimate the pose of one image.
 
-    - most_faulty: how many detectors may be faulty, whose readings and weights are written; where
-      none is found there is no estimate. 0: none is looked for.
+    - doubting: whether readings may be anything; those of the problem, and weights, are written.
     """
     nothing: Any = np.full(5, np.nan)
     covariance: Any = np.full((5, 5), np.nan)
     at = np.full(5 + len(problem.nuisance_mean), np.nan)
-    outcome, pose, evidence = NO_START, nothing, -np.inf
-    best, angle, second_angle = NO_FIT, np.nan, np.nan
+    coordinates: Any = np.full(5, np.nan)
+    outcome, pose, evidence, linear, log_faulty = NO_START, nothing, -np.inf, -np.inf, 0.0
     runner_up, runner_up_score, wider = nothing, np.nan, False
-    if most_faulty == 0 or leave_out(problem, guide.poses, guide.roots, most_faulty):
-        # Worked out also where the caller has them: that is less than to hand them down.
-        side, parameters = guide.side, np.empty((5, 1))
-        column = np.zeros((side * side, 1))  # the images of all lamps together
-        for i in range(len(problem.readings)):
-            column[i % (side * side), 0] += problem.readings[i]
-        write_parameters(column, side, guide.full_scale_counts, guide.subdetector, parameters)
-        unit = guide.weights.copy()
-        for i in range(5):
-            unit[i] *= parameters[i, 0]
-        unit /= np.sqrt((unit * unit).sum())
-        minima, best, angle, second_angle = find_minima(problem, guide, unit)
-        if len(minima) > 0:
-            for i in range(len(at)):
-                at[i] = minima[0].parts[POSE if i < 5 else AT, i]
-            outcome = MISFIT
-            if best.lenient_score <= guide.max_score:
-                outcome = FITTED
-                gaussian = guide.gaussian
-                moments = laplace(minima[0]) if gaussian else posterior_about(problem, minima)
-                pose, evidence = moments.mean, moments.log_weight
-                covariance = best.stretch * moments.covariance
-                wider = cover(minima, pose, covariance)
-                if not np.isfinite(evidence) or not cholesky(covariance.copy()):
-                    outcome = NO_COVARIANCE
-                if len(minima) > 1:
-                    runner_up = minima[1].parts[POSE, :5].copy()
-                    runner_up_score = misfit(problem, minima[1].parts[AT]).lenient_score
+    if doubting:
+        log_faulty = disbelieve(problem, guide.poses, guide.roots)
+    # Worked out also where the caller has them: that is less than to hand them down.
+    side, parameters = guide.side, np.empty((5, 1))
+    column = np.zeros((side * side, 1))  # the images of all lamps together
+    for i in range(len(problem.readings)):
+        column[i % (side * side), 0] += problem.readings[i]
+    write_parameters(column, side, guide.full_scale_counts, guide.subdetector, parameters)
+    unit = guide.weights.copy()
+    for i in range(5):
+        unit[i] *= parameters[i, 0]
+    unit /= np.sqrt((unit * unit).sum())
+    minima, score, angle, second_angle = find_minima(problem, guide, unit)
+    if len(minima) > 0:
+        for i in range(len(at)):
+            at[i] = minima[0].parts[POSE if i < 5 else AT, i]
+        coordinates = minima[0].parts[AT, :5].copy()
+        outcome = MISFIT
+        if score <= guide.max_score:
+            outcome = FITTED
+            moments, density = laplace(minima[0]), log_density(problem)
+            linear = moments.log_weight + density
+            if not guide.gaussian:
+                moments = posterior_about(problem, minima)
+            pose, evidence = moments.mean, moments.log_weight + density + log_faulty
+            covariance = moments.covariance
+            wider = cover(minima, pose, covariance)
+            if not np.isfinite(evidence) or not cholesky(covariance.copy()):
+                outcome = NO_COVARIANCE
+            if len(minima) > 1:
+                runner_up = minima[1].parts[POSE, :5].copy()
+                runner_up_score = misfit(problem, minima[1].parts[AT])
     return FrameResult(
         outcome,
         pose,
         covariance,
-        best.lenient_score,
+        score,
         runner_up,
         runner_up_score,
         angle,
         second_angle,
-        best.stretch,
         at,
         evidence,
-        best.score,
+        linear,
+        coordinates,
+        problem.weights,
         wider,
     )
+
+
+def look(problem: Problem, at: Array) -> PosteriorMoments:
+    """Return the moments of a posterior that one linear step from a place, ``(p,)``, leads to."""
+    state = evaluate(problem, at)
+    there, decrement = propose(problem, state, 0.0)
+    moments = laplace(state)
+    _, pose, _ = to_lamp(problem.frame, there, problem.roll)
+    mean = np.empty(5)
+    for i in range(5):
+        mean[i] = pose[i]
+    log_weight = moments.log_weight + decrement + log_density(problem)
+    return PosteriorMoments(log_weight, mean, moments.covariance, 0)
+
+
+def log_density(problem: Problem) -> float:
+    """Return the logarithm of the density of the nuisances' prior at its mean, without 2 pi."""
+    factor, log = problem.nuisance_precision.copy(), 0.0
+    cholesky(factor)
+    for i in range(len(factor)):
+        log += np.log(factor[i, i])
+    return log

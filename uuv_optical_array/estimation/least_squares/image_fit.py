@@ -25,7 +25,7 @@ from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.linear_algebra import solve
 from uuv_optical_array.estimation.estimate import Estimate
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
-from uuv_optical_array.estimation.least_squares.faults import log_evidence, most_faulty
+from uuv_optical_array.estimation.least_squares.faults import most_faulty
 from uuv_optical_array.estimation.least_squares.frame import (
     FITTED,
     MISFIT,
@@ -33,16 +33,16 @@ from uuv_optical_array.estimation.least_squares.frame import (
     FrameResult,
     Guide,
     estimate_frame,
+    look,
 )
 from uuv_optical_array.estimation.least_squares.frame_kinds import (
-    SUSPECTED,
     FrameKind,
     expecting,
     frame_kinds,
-    is_doubtful,
     mixture,
 )
-from uuv_optical_array.estimation.least_squares.linear_model import LinearModel, LinearModels
+from uuv_optical_array.estimation.least_squares.linear_model import LinearModel, weighted_by
+from uuv_optical_array.estimation.least_squares.posterior import PosteriorMoments
 from uuv_optical_array.estimation.least_squares.problem import STEEPEST, UNUSUAL, Problem
 from uuv_optical_array.estimation.signature import features
 from uuv_optical_array.estimation.signature.features import lifted, scene_parameters
@@ -68,15 +68,13 @@ NEAR_STARTS, NEAREST, ASIDE = 4096, 0.2, 0.15
 BY_SIGNATURE = 1536  # of all these are looked up by their signature, too, and the others by image
 # Score from which detectors may be faulty: of one valid image of two hundred.
 DOUBTED = 2.576
-# Score up to which the others have to fit: that of one image of fifty, or of a thousand by several
-# lamps, whose readings are enough to tell.
+# Score up to which what is not clear has to fit: that of one image of fifty, or of a thousand by
+# several lamps, whose readings are enough to tell.
 MENDED, MENDED_BY_SEVERAL = 2.054, UNUSUAL
-# Probability, by a fit that is linear about its minimum, from which no other kind is integrated.
-MOSTLY_CLEAR = 0.8
-CLEAR = 0.99  # probability beyond which an image counts as one that nothing shades
-# By several lamps all but clear frames are so many times as frequent in the moments of the pose, as
-# a shade may look like another pose, and the shares are a choice.
-OFTEN = 3.0
+# Logarithm of the odds of a kind against a clear frame, by a linear step, from which it counts, and
+# from which it is fitted.
+LOG_CONSIDERED, LOG_LIKELY = math.log(0.002), math.log(0.2)
+CLEAR = 0.8  # probability beyond which an image counts as one that nothing shades
 # Pitch, rad, beyond which a fit may have stopped at the steepest on its way to a steeper one.
 STEEP = STEEPEST - 0.03
 # Probability that a lamp is off or hidden, and chance of noise from which a dark one may be.
@@ -96,28 +94,31 @@ class Image(NamedTuple):
 
 
 class Hypothesis(NamedTuple):
-    """A kind of frame that may be behind an image, and its fit; by several lamps a linear model."""
+    """A kind of frame that may be behind an image, and its fit; by several lamps linear readings.
+
+    - log_chance: logarithm of the probability of what else is supposed, as that a lamp is dark.
+    """
 
     kind: FrameKind
     problem: Problem
     frame: FrameResult
-    linear: LinearModel | None
+    near: LinearisedReadings | None
+    log_chance: float = 0.0
 
     @property
     def log_evidence(self) -> float:
         """Logarithm of the probability of image and kind, without constants."""
-        volume = np.linalg.slogdet(self.problem.nuisance_precision)[1] / 2
-        return float(math.log(self.kind.share) + volume + self.frame.log_evidence)
+        return math.log(self.kind.share) + self.log_chance + self.frame.log_evidence
 
     @property
     def nearly_gaussian(self) -> bool:
         """Whether the posterior is nearly Gaussian, and the image as good as linear."""
         frame = self.frame
-        covariance = frame.covariance[:5, :5] / frame.stretch
+        covariance = frame.covariance[:5, :5]
         if frame.wider or not covariance[X, X] < (FAR * frame.pose[X]) ** 2:
             return False
         off = wrapped(frame.best[:5] - frame.pose[:5])
-        return bool(self.linear or off @ solve(covariance, off) < BENT**2)
+        return bool(self.near or off @ solve(covariance, off) < BENT**2)
 
 
 class ImageFit:
@@ -174,16 +175,19 @@ class ImageFit:
         model, constants = self._model, self._constants
         kinds = frame_kinds(model, *self._pose_prior)
         lineariser = Lineariser(model, constants.names, compiled)
-        models = None
+        linear = None
         if model.scene.lamps:
-            models = LinearModels(model, kinds, constants.names, self._pose_precision, compiled)
+            linear = LinearModel(model, kinds, constants.names, self._pose_precision, compiled)
         frame: Callable[..., FrameResult] = estimate_frame
+        self._look: Callable[..., PosteriorMoments] = look
         if compiled:
             features.prepare(model.array.side)
             joint_coordinates.prepare(constants)
-            example = kinds[0].problem, self.guide, 0
+            example = kinds[0].problem, self.guide, False
             frame = compilation.prepare(estimate_frame, *example)
-        self._kinds, self._linearise, self._frame, self._models = kinds, lineariser, frame, models
+            at = np.zeros(5 + len(kinds[0].names))
+            self._look = compilation.prepare(look, kinds[0].problem, at)
+        self._kinds, self._linearise, self._frame, self._linear = kinds, lineariser, frame, linear
         self.compiled = compiled
 
     def _starts(self, axes: list[Array]) -> tuple[Array, Array]:
@@ -231,50 +235,72 @@ class ImageFit:
     def _hypotheses(
         self, image: Image, kinds: list[FrameKind], guide: Guide, faults: bool
     ) -> list[Hypothesis]:
-        """Return what may be behind an image, detectors with faults too, first that it is clear."""
-        models, problem = self._models, image.problem(kinds[0])
-        dark = self._without_dark_lamp(image, kinds[0], problem, guide) if models else None
+        """Return what may be behind an image, first that it is clear."""
+        problem = image.problem(kinds[0])
+        dark = self._without_dark_lamp(image, kinds[0], problem, guide) if self._linear else None
         # Where a lamp is dark, no start with all of them may lead anywhere.
         start = self._from(dark.frame.best[:5], image.roll) if dark else guide
         clear = self._hypothesis(kinds[0], problem, start)
         found = [clear, dark] if dark else [clear]
-        if models and clear.linear:
-            if clear.frame.outcome == NO_START or (dark and clear.frame.outcome == MISFIT):
-                return found
-            likely = models.likely(clear.linear, problem, kinds)
+        if dark and clear.frame.outcome != FITTED:
+            return found
+        if clear.frame.outcome == FITTED:
+            found += filter(None, (self._beside(image, kind, clear) for kind in kinds[1:]))
         else:
-            likely = [not kind.rare or is_doubtful(clear.frame, kind.share) for kind in kinds[1:]]
-        found += [self._other(image, kind, clear, guide) for kind in compress(kinds[1:], likely)]
-        faulty = self._faulty(found) if faults else None
-        return [*found, faulty] if faulty else found
+            found += [self._uneven(kind, image.problem(kind), guide) for kind in kinds[1:]]
+        if faults and clear.frame.score > DOUBTED:
+            mended = [self._mended(image, kind) for kind in kinds[:1]]
+            if not any(each.frame.score < DOUBTED for each in [*found, *filter(None, mended)]):
+                mended += [self._mended(image, kind) for kind in kinds[1:]]
+            found += filter(None, mended)
+        return found
 
     def _hypothesis(
-        self, kind: FrameKind, problem: Problem, guide: Guide, most_faulty: int = 0
+        self, kind: FrameKind, problem: Problem, guide: Guide, doubting: bool = False
     ) -> Hypothesis:
-        frame = self._frame(problem, guide, most_faulty)
-        linear = None
-        if self._models:
-            frame, linear = self._models.about(kind, problem, frame)
+        frame, near = self._frame(problem, guide, doubting), None
+        if self._linear:
+            frame, near = self._linear.about(kind, problem, frame)
         if kind.doubt != 1:
             frame = frame._replace(covariance=kind.doubt * frame.covariance)
-        return Hypothesis(kind, problem, frame, linear)
+        return Hypothesis(kind, problem, frame, near)
 
-    def _other(self, image: Image, kind: FrameKind, clear: Hypothesis, guide: Guide) -> Hypothesis:
-        """Fit an image as a frame of another kind than a clear one."""
-        problem = image.problem(kind)
-        rare = kind.rare and kind.share <= SUSPECTED
-        if self._models or (rare and not guide.gaussian):
+    def _uneven(self, kind: FrameKind, problem: Problem, guide: Guide) -> Hypothesis:
+        """Fit an image as one that is not clear, which is to fit as well as most of these."""
+        found = self._hypothesis(kind, problem, guide)
+        if self._fits(found) or found.frame.outcome != FITTED:
+            return found
+        return found._replace(frame=found.frame._replace(outcome=MISFIT))
+
+    def _beside(self, image: Image, kind: FrameKind, clear: Hypothesis) -> Hypothesis | None:
+        """Return an image as one of a kind near the fit of a clear frame, as far as that is likely.
+
+        One linear step tells how likely it is, and is enough where that is not much.
+        """
+        problem, at = image.problem(kind), np.zeros(5 + len(kind.names))
+        at[:5], at[5 + kind.shared] = clear.frame.coordinates, clear.frame.best[5:]
+        moments = self._look(problem, at)
+        log_odds = math.log(kind.share / clear.kind.share)
+        log_odds += moments.log_weight - clear.frame.linear_log_evidence
+        if not log_odds > LOG_CONSIDERED:
+            return None
+        if log_odds > LOG_LIKELY or self._linear:
             there = self._from(clear.frame.best[:5], image.roll)
-            found = self._hypothesis(kind, problem, there)
-            if self._models:
-                lost = found.frame._replace(outcome=MISFIT)
-                return found if self._fits(found) else found._replace(frame=lost)
-            # The integral takes several times as long as a clear one, and few images need it.
-            evidence = np.array([clear.log_evidence, found.log_evidence])
-            _, shares = mixture([clear.frame, found.frame], evidence)
-            if shares[0] > MOSTLY_CLEAR:
-                return found
-        return self._hypothesis(kind, problem, guide)
+            return self._uneven(kind, problem, there._replace(gaussian=bool(self._linear)))
+        odds = moments.log_weight + clear.frame.log_evidence - clear.frame.linear_log_evidence
+        frame = clear.frame._replace(
+            pose=moments.mean, covariance=moments.covariance, log_evidence=odds
+        )
+        return Hypothesis(kind, problem, frame, None)
+
+    def _mended(self, image: Image, kind: FrameKind) -> Hypothesis | None:
+        """Return a frame some of whose readings are anything, where the others fit well."""
+        problem = image.problem(kind)
+        most, readings = most_faulty(problem), problem.readings.copy()
+        problem = problem._replace(readings=readings, weights=np.ones(len(readings)))
+        found = self._hypothesis(kind, problem, self.guide, doubting=True)
+        few = np.count_nonzero(found.frame.weights < 0.5) <= most * self._model.scene.lamp_count
+        return found if few and self._fits(found) else None
 
     def _without_dark_lamp(
         self, image: Image, kind: FrameKind, problem: Problem, guide: Guide
@@ -293,67 +319,44 @@ class ImageFit:
         weights[dark] = 0.0
         problem = problem._replace(weights=weights.ravel())
         found = self._hypothesis(kind, problem, guide)
-        return self._mended(found, math.log(LAMP_OFF) - 0.5 * squares[dark])
-
-    def _faulty(self, found: list[Hypothesis]) -> Hypothesis | None:
-        """Return a frame with faulty detectors, where that explains what one without does not."""
-        explained = [
-            each.frame.outcome == FITTED and each.frame.strict_score < DOUBTED for each in found
-        ]
-        # By one lamp a shade may well look like faults.
-        if any(explained if self._models else explained[:1]):
-            return None
-        kind, problem = found[0].kind, found[0].problem
-        count = most_faulty(problem)
-        if not count:
-            return None
-        readings, weights = problem.readings.copy(), np.ones(len(problem.readings))
-        problem = problem._replace(readings=readings, weights=weights)
-        faulty = self._hypothesis(kind, problem, self.guide, count)
-        return self._mended(faulty, log_evidence(problem))
-
-    def _mended(self, found: Hypothesis, log_chance: float) -> Hypothesis | None:
-        """Return what is left of a frame where that fits, with its chance in the kind's share."""
-        share = found.kind.share * np.exp(log_chance)
-        return found._replace(kind=found.kind._replace(share=share)) if self._fits(found) else None
+        chance = math.log(LAMP_OFF) - 0.5 * squares[dark]
+        return found._replace(log_chance=chance) if self._fits(found) else None
 
     def _fits(self, found: Hypothesis) -> bool:
         """Say whether a frame that is hardly a clear one fits as if it were."""
-        frame = found.frame
-        return frame.outcome == FITTED and frame.strict_score <= self._most_mended
+        return found.frame.outcome == FITTED and found.frame.score <= self._most_mended
 
     def _from(self, pose: Array, roll: float) -> Guide:
         """Return the guide of a fit from the pose of a follower of this roll, by Laplace."""
         # The frame turns poses of level followers.
         poses = np.tile(turned_about_beam(pose, -roll), (2, 1))
-        units = np.ascontiguousarray(self.guide.units[:, :2])  # else Numba compiles once more
-        return self.guide._replace(poses=poses, units=units, gaussian=True)
+        # Contiguous, else Numba compiles once more.
+        units, roots = (
+            np.ascontiguousarray(it[:, :2]) for it in (self.guide.units, self.guide.roots)
+        )
+        return self.guide._replace(poses=poses, units=units, roots=roots, gaussian=True)
 
     def _together(self, image: Image, found: list[Hypothesis]) -> Estimate:
         """Return the mixture of hypotheses; `NoPose` where none fits."""
         main, result, clear = found[0], found[0].frame, 1.0
         if len(found) > 1:
-            often = OFTEN if self._models else 1.0
-            logs = [h.log_evidence + (0.0 if h.kind.clear else math.log(often)) for h in found]
-            result, shares = mixture([h.frame for h in found], np.array(logs))
+            result, shares = mixture(
+                [h.frame for h in found], np.array([h.log_evidence for h in found])
+            )
             # A frame with faulty detectors or a dark lamp is lit as the scene says, too.
-            clears = [i for i, each in enumerate(found) if each.kind.clear]
+            clears = [i for i, each in enumerate(found) if each.kind.names == main.kind.names]
             main, clear = found[max(clears, key=lambda i: shares[i])], float(shares[clears].sum())
-            clear = clear / (clear + (1 - clear) / often)
         self._check(result)
         pose, rolls, near = result.pose[:5], result.pose[5:], None
         covariance: Array = result.covariance[:5, :5]
         fitted, best, expected = len(main.kind.places), main.frame.best, image.expected
-        if main.linear:
-            near, count = main.linear.near, 5 + len(self._constants.names)
-            variances = result.stretch * near.variances
-            near = near._replace(
-                at=near.at[:count], slopes=near.slopes[:, :count], variances=variances
-            )
+        if main.near:
+            near, count = main.near, 5 + len(self._constants.names)
+            near = near._replace(at=near.at[:count], slopes=near.slopes[:, :count])
         elif expected:
             constants = best[5:][main.kind.places], expected.mean[fitted:]
             at = np.concatenate([best[:5], *constants])
-            near = self.near(image.readings, at, image.roll, result.stretch, main.problem.weights)
+            near = self.near(image.readings, at, image.roll, main.frame.weights)
             if len(expected.mean) > fitted and clear > 0:
                 # What the clear fit was given is not known exactly.
                 prior = self._pose_precision, main.problem.nuisance_precision
@@ -364,11 +367,10 @@ class ImageFit:
         below = image.readings.max() < self._model.noise.high
         if near and not (clear > CLEAR and below and main.nearly_gaussian):
             near = None
-        left_out: list[int] = []
-        dark: list[int] = []
-        if not main.problem.weights.all():
-            out = main.problem.weights.reshape(self._model.scene.lamp_count, -1) == 0
-            left_out, dark = (np.flatnonzero(out.all(axis=k)).tolist() for k in (0, 1))
+        # Readings of the likeliest that are not believed: of a dark lamp, or of faulty detectors.
+        out = result.weights.reshape(self._model.scene.lamp_count, -1) < 0.5
+        dark = np.flatnonzero(out.all(axis=1)).tolist()
+        left_out = np.flatnonzero(out[[i for i in range(len(out)) if i not in dark]].any(axis=0))
         return Estimate(
             pose,
             covariance,
@@ -379,22 +381,17 @@ class ImageFit:
             float(ndtr(-result.runner_up_score)),
             tuple(compress(DOF_NAMES, covariance.diagonal() > self._unobservable_variance)),
             near,
-            result.stretch,
             clear,
-            tuple(divmod(it, self._model.array.side) for it in left_out),
+            tuple(divmod(it, self._model.array.side) for it in left_out.tolist()),
             float(rolls[0]) if len(rolls) else 0.0,
             result.covariance[:, 5] if len(rolls) else None,
             dark[0] if dark else None,
+            main.frame.weights,
         )
 
-    def near(
-        self, readings: Array, at: Array, roll: float, stretch: float, weights: Array
-    ) -> LinearisedReadings:
-        """Return readings linearised at a place, variances times `stretch`, inf at weights of 0."""
-        near = self._linearise(readings, at, roll)
-        variances = stretch * near.variances
-        variances[weights == 0] = np.inf
-        return near._replace(variances=variances)
+    def near(self, readings: Array, at: Array, roll: float, weights: Array) -> LinearisedReadings:
+        """Return readings linearised at a place, as far as they are believed."""
+        return weighted_by(self._linearise(readings, at, roll), weights)
 
     def _check(self, result: FrameResult) -> None:
         """Raise `NoPose` for a result without a pose."""

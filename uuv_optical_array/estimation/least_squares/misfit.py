@@ -53,10 +53,3 @@ def chi_square_score(squares: Any, mean: Any, variance: Any) -> Any:
     """Return the standard normal value as improbable as a sum of squares, with those of priors."""
     left, spread = chi_square_shape(mean, variance)
     return ((squares / left) ** (1 / 3) - 1 + spread) / sqrt(spread)
-
-
-@law
-def chi_square_value(score: Any, mean: Any, variance: Any) -> Any:
-    """Return the sum of squares of a score: the inverse of `chi_square_score`."""
-    left, spread = chi_square_shape(mean, variance)
-    return left * maximum(1 - spread + score * sqrt(spread), 0.0) ** 3

@@ -12,11 +12,7 @@ from uuv_optical_array.core.numerics.elementwise import indices, total, workspac
 from uuv_optical_array.core.numerics.gauss_newton import minimiser, stepper
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.information.likelihood import likelihood_of
-from uuv_optical_array.estimation.least_squares.misfit import (
-    chi_square_score,
-    chi_square_value,
-    residual_moments,
-)
+from uuv_optical_array.estimation.least_squares.misfit import chi_square_score, residual_moments
 from uuv_optical_array.estimation.unknowns.coordinates import (
     CoordinateFrame,
     frame_of,
@@ -44,10 +40,7 @@ MANY_STEPS: Any = np.int64(300)
 ARRIVED = 5e-3
 # Scores that one honest image of a hundred exceeds, and one of a thousand.
 USUAL, UNUSUAL = 2.326, 3.09
-# What the model does not know of bends the pose more than the readings: a doubt is taken as far.
-DOUBT = 4
 LIT_SHARE = 0.02  # of the brightest reading, below which daylight may be all that a reading shows
-LENIENCE = 4.0  # times the variance of unknown gains
 # Rows of the parts of a state.
 AT, GRADIENT, POSE, VOLUME_SLOPES, POSE_SLOPES, INFORMATION = 0, 1, 2, 3, 4, 9
 
@@ -61,7 +54,7 @@ class Problem(NamedTuple):
     - reach: longest step of a fit by coordinate, shape ``(p,)``.
     - spans: where the readings that each unknown changes begin and end, shape ``(p, 2)``.
     - readings: counts, finite, shape ``(n,)``.
-    - weights: 1 for each reading that counts, 0 for one that is left out, shape ``(n,)``.
+    - weights: how far each reading counts, from 0 for none to 1, shape ``(n,)``.
     - roll: of the follower, rad.
     """
 
@@ -300,45 +293,20 @@ def light_at(problem: Problem, at: Array) -> Array:
     return image[0]
 
 
-class Misfit(NamedTuple):
-    """How well a fit explains the readings.
-
-    - score: standard normal value that is as improbable as what an honest image leaves.
-    - lenient_score: the same where unknown gains may be twice as large as the prior says.
-    - stretch: factor of the covariance, >= 1: the power `DOUBT` of how many times the squares are
-      those that one honest image of a thousand exceeds.
-    """
-
-    score: float
-    lenient_score: float
-    stretch: float
-
-
-def misfit(problem: Problem, at: Array) -> Misfit:
-    """Compare what a fit leaves with what an honest image leaves.
+def misfit(problem: Problem, at: Array) -> float:
+    """Return the standard normal value that is as improbable as what an honest image leaves.
 
     A reading at a limit counts by how far the light is from where it would not be, and an unknown
     by the square of its offset over its standard deviation.
     """
     light, noise = light_at(problem, at), problem.noise
-    squares, mean, variance, lenient_mean, lenient_variance = 0.0, 0.0, 0.0, 0.0, 0.0
+    squares, mean, variance = 0.0, 0.0, 0.0
     for j in indices(len(light)):
         expected = np.minimum(np.maximum(light[j], noise.low), noise.high)
         off, spread = problem.readings[j] - expected, reading_variance(light[j], noise)
         square, around = residual_moments(light[j], sqrt(spread), noise)
-        counts = problem.weights[j]
-        off, square, around = off * counts, square * counts, around * counts
-        lit = light[j] - noise.black
-        lenient = 1 + (LENIENCE - 1) * noise.square * lit * lit / spread
-        squares += total(off * off / spread)
-        mean += total(square)
-        variance += total(around)
-        lenient_mean += total(lenient * square)
-        lenient_variance += total(lenient * lenient * around)
+        squares += total(problem.weights[j] * (off * off / spread))
+        mean += total(problem.weights[j] * square)
+        variance += total(problem.weights[j] * around)
     squares += nuisance_cost(problem, at) * 2
-    excess = max(1.0, squares / chi_square_value(UNUSUAL, mean, variance))
-    return Misfit(
-        chi_square_score(squares, mean, variance),
-        chi_square_score(squares, lenient_mean, lenient_variance),
-        excess**DOUBT,
-    )
+    return chi_square_score(squares, mean, variance)

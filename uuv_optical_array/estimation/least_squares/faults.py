@@ -42,7 +42,9 @@ def most_faulty(problem: Problem) -> int:
     """Return how many detectors need not be believed; they may be the brightest."""
     readings = np.sort(problem.readings.reshape(lamps_of(problem), -1).max(axis=0))
     for count in range(len(readings) // (LIT_EACH + 1), 0, -1):
-        if lit(problem._replace(readings=readings[:-count])) >= LIT_EACH * count:
+        others = readings[:-count]
+        full = np.count_nonzero(others >= problem.noise.high)
+        if lit(problem._replace(readings=others)) + 2 * full >= LIT_EACH * count:
             return count
     return 0
 
@@ -138,17 +140,18 @@ def disbelieve(problem: Problem, poses: Array, roots: Array) -> float:
         np.empty(len(readings) // lamps_of(problem)),
     )
     distances = np.empty(roots.shape[1])
-    kept = len(squares) - max(len(squares) // (LIT_EACH + 1), 1)
+    most = max(len(squares) // (LIT_EACH + 1), 1)
+    kept = len(squares) - most
     for row in range(len(distances)):
         write_unlike(roots, row, sight, squares)
         distances[row] = np.sort(squares)[:kept].sum()
-    least, best, at = np.inf, weights.copy(), start_at(problem, poses[0])
+    least, best, at = np.inf, np.ones(len(weights)), start_at(problem, poses[0])
     for _ in range(STARTS):
         row = int(np.argmin(distances))
         distances[row] = np.inf
         weights.fill(1.0)
         cost, there = settle(problem, start_at(problem, poses[row]), squares)
-        if cost < least:
+        if cost < least and (weights[: len(squares)] < 0.5).sum() <= most:
             least, best, at = cost, weights.copy(), there
     light = light_at(problem, at)
     for j in range(len(weights)):

@@ -11,7 +11,6 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr
 from scipy.stats import chi2
 
-from uuv_optical_array.estimation.least_squares.frame import nearest_rows
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
@@ -28,6 +27,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     refine,
     start_at,
 )
+from uuv_optical_array.estimation.least_squares.starts import nearest_rows
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose, to_lamp
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene

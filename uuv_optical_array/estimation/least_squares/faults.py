@@ -18,6 +18,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     refine,
     start_at,
 )
+from uuv_optical_array.estimation.least_squares.starts import Guide
 from uuv_optical_array.forward.optics import ReadingNoise, reading_variance
 
 FAULTY = 1e-2  # probability that a detector reads anything, in an image that does not fit
@@ -96,11 +97,12 @@ def log_faulty(problem: Problem, light: Array) -> float:
     return log
 
 
-def write_unlike(roots: Array, row: int, sight: Array, squares: Array) -> None:
-    """Write how unlike an image and that of a pose are, detector by detector."""
+def write_unlike(guide: Guide, row: int, sight: Array, squares: Array) -> None:
+    """Write how unlike an image and that of a pose are, by detectors that the guide has."""
     squares.fill(0.0)
-    for j in range(len(sight)):
-        squares[j % len(squares)] += (roots[j, row] - sight[j]) ** 2
+    for j in range(len(guide.readings)):
+        place = j % len(squares)
+        squares[place] += (guide.roots[j, row] - sight[guide.readings[j]]) ** 2
 
 
 def heat_of(squares: Array) -> float:
@@ -108,7 +110,7 @@ def heat_of(squares: Array) -> float:
     return max(np.sort(squares)[len(squares) // 2], 1.0)
 
 
-def settle(problem: Problem, at: Array, squares: Array) -> tuple[float, Array]:
+def fit_believed(problem: Problem, at: Array, squares: Array) -> tuple[float, Array]:
     """Fit readings from a place with the weights that they deserve, which are written.
 
     - squares: workspace, one for each detector.
@@ -127,31 +129,27 @@ def settle(problem: Problem, at: Array, squares: Array) -> tuple[float, Array]:
     return total, at
 
 
-def disbelieve(problem: Problem, poses: Array, roots: Array) -> float:
+def disbelieve(problem: Problem, guide: Guide) -> float:
     """Write the weights of readings where one pose explains most of them, by the best of starts.
 
     - problem: with readings and weights of its own; what is not believed is made that of the pose.
-    - poses, roots: where fits may start, as `frame.Guide` has them.
+    - guide: where fits may start.
     - returned: logarithm of the probability of what is not believed.
     """
     weights, readings, noise = problem.weights, problem.readings, problem.noise
-    sight, squares = (
-        np.sqrt(np.maximum(readings, 0.0)),
-        np.empty(len(readings) // lamps_of(problem)),
-    )
-    distances = np.empty(roots.shape[1])
-    most = max(len(squares) // (LIT_EACH + 1), 1)
-    kept = len(squares) - most
+    detectors, sight = len(readings) // lamps_of(problem), np.sqrt(np.maximum(readings, 0.0))
+    seen, squares = np.empty(guide.side * guide.side), np.empty(detectors)
+    most, distances = max(detectors // (LIT_EACH + 1), 1), np.empty(guide.roots.shape[1])
     for row in range(len(distances)):
-        write_unlike(roots, row, sight, squares)
-        distances[row] = np.sort(squares)[:kept].sum()
-    least, best, at = np.inf, np.ones(len(weights)), start_at(problem, poses[0])
+        write_unlike(guide, row, sight, seen)
+        distances[row] = np.sort(seen)[: len(seen) - max(len(seen) // (LIT_EACH + 1), 1)].sum()
+    least, best, at = np.inf, np.ones(len(weights)), start_at(problem, guide.poses[0])
     for _ in range(STARTS):
         row = int(np.argmin(distances))
         distances[row] = np.inf
         weights.fill(1.0)
-        cost, there = settle(problem, start_at(problem, poses[row]), squares)
-        if cost < least and (weights[: len(squares)] < 0.5).sum() <= most:
+        cost, there = fit_believed(problem, start_at(problem, guide.poses[row]), squares)
+        if cost < least and (weights[:detectors] < 0.5).sum() <= most:
             least, best, at = cost, weights.copy(), there
     light = light_at(problem, at)
     for j in range(len(weights)):

@@ -37,7 +37,13 @@ from uuv_optical_array.estimation.least_squares.problem import (
     start_at,
     step,
 )
-from uuv_optical_array.estimation.signature.features import write_parameters
+from uuv_optical_array.estimation.least_squares.starts import (
+    Guide,
+    direction,
+    nearest_rows,
+    rows_alike,
+)
+from uuv_optical_array.estimation.least_squares.thinned import thinned
 from uuv_optical_array.estimation.unknowns.coordinates import quarter_turn, to_lamp
 
 MOST_STARTS = 64
@@ -55,31 +61,6 @@ LONG_STEPS = 2
 FOLLOWED = 16
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
-
-
-class Guide(NamedTuple):
-    """What a table says about where to start, and when a fit is good.
-
-    - units: directions of signatures, of length one, by columns, shape ``(6, m)``.
-    - poses: of these and more, m and rad, shape ``(k, 5)``.
-    - roots: square roots of their readings, by columns, shape ``(n, k)``.
-    - weights: of the five key parameters, and the constant that is appended, shape ``(6,)``.
-    - candidates: rows to start from, unless these leave doubt.
-    - max_score: score of the misfit beyond which a fit is no pose.
-    - gaussian: whether the posterior is taken as linear at the best minimum, not integrated.
-    - side, full_scale_counts, subdetector: as of `features.write_parameters`.
-    """
-
-    units: Array
-    poses: Array
-    roots: Array
-    weights: Array
-    candidates: int
-    max_score: float
-    gaussian: bool
-    side: int
-    full_scale_counts: float
-    subdetector: bool
 
 
 class FrameResult(NamedTuple):
@@ -112,33 +93,6 @@ class FrameResult(NamedTuple):
     coordinates: Array
     weights: Array
     wider: bool = False
-
-
-def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
-    """Return the rows of least chord to a direction, nearest first."""
-    squares = np.zeros(units.shape[1])
-    for k in range(len(unit)):
-        squares += (units[k] - unit[k]) ** 2
-    rows, chords = np.zeros(count, dtype=np.int64), np.full(count, np.inf)
-    for row in range(len(squares)):
-        if squares[row] < chords[count - 1]:
-            place = count - 1
-            while place > 0 and chords[place - 1] > squares[row]:
-                chords[place], rows[place] = chords[place - 1], rows[place - 1]
-                place -= 1
-            chords[place], rows[place] = squares[row], row
-    return rows, np.sqrt(chords)
-
-
-def rows_alike(problem: Problem, guide: Guide, unit: Array, count: int) -> Any:
-    """Return the rows of least chord, and between them those whose images are most alike."""
-    rows, _ = nearest_rows(guide.units, unit, count)
-    if not guide.gaussian:
-        roots = np.sqrt(np.maximum(problem.readings, 0.0))
-        alike, _ = nearest_rows(guide.roots, roots, count // 2)
-        for k in range(count - 1, 0, -1):
-            rows[k] = alike[k // 2] if k % 2 == 1 else rows[k // 2]
-    return rows
 
 
 def is_near(parts: Array, known: Array) -> bool:
@@ -192,10 +146,27 @@ def rivals(minima: list[State]) -> bool:
     return len(minima) > 1 and minima[1].cost - minima[0].cost < NEGLIGIBLE
 
 
-def find_minima(
-    problem: Problem, guide: Guide, unit: Array
-) -> tuple[list[State], float, float, float]:
+def find_minima(problem: Problem, guide: Guide) -> tuple[list[State], float, float, float]:
     """Return the minima, best first, the misfit of the first, and the angles of the nearest rows.
+
+    Those of a large array are found by few of its detectors, and refined by all.
+    """
+    unit = direction(problem, guide)
+    if len(guide.readings) == len(problem.readings):
+        return search(problem, guide, unit)
+    few = thinned(problem, guide.readings, guide.blur)
+    found, score, angle, second_angle = search(few, guide, unit)
+    minima = found[:0]
+    for state in found:
+        if state.cost - found[0].cost < NEGLIGIBLE:
+            descend(problem, minima, state.parts[AT], MANY_STEPS)
+    if len(minima) > 0:
+        score = misfit(problem, minima[0].parts[AT])
+    return minima, score, angle, second_angle
+
+
+def search(problem: Problem, guide: Guide, unit: Array) -> tuple[list[State], float, float, float]:
+    """Return what `find_minima` does, by the readings that the guide is of.
 
     Where the first starts lead to rivals or to a fit that noise can hardly explain, more follow.
     """
@@ -284,18 +255,8 @@ def estimate_frame(problem: Problem, guide: Guide, doubting: bool) -> FrameResul
     outcome, pose, evidence, linear, log_faulty = NO_START, nothing, -np.inf, -np.inf, 0.0
     runner_up, runner_up_score, wider = nothing, np.nan, False
     if doubting:
-        log_faulty = disbelieve(problem, guide.poses, guide.roots)
-    # Worked out also where the caller has them: that is less than to hand them down.
-    side, parameters = guide.side, np.empty((5, 1))
-    column = np.zeros((side * side, 1))  # the images of all lamps together
-    for i in range(len(problem.readings)):
-        column[i % (side * side), 0] += problem.readings[i]
-    write_parameters(column, side, guide.full_scale_counts, guide.subdetector, parameters)
-    unit = guide.weights.copy()
-    for i in range(5):
-        unit[i] *= parameters[i, 0]
-    unit /= np.sqrt((unit * unit).sum())
-    minima, score, angle, second_angle = find_minima(problem, guide, unit)
+        log_faulty = disbelieve(problem, guide)
+    minima, score, angle, second_angle = find_minima(problem, guide)
     if len(minima) > 0:
         for i in range(len(at)):
             at[i] = minima[0].parts[POSE if i < 5 else AT, i]

@@ -31,7 +31,6 @@ from uuv_optical_array.estimation.least_squares.frame import (
     MISFIT,
     NO_START,
     FrameResult,
-    Guide,
     estimate_frame,
     look,
 )
@@ -44,10 +43,9 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import (
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel, weighted_by
 from uuv_optical_array.estimation.least_squares.posterior import PosteriorMoments
 from uuv_optical_array.estimation.least_squares.problem import STEEPEST, UNUSUAL, Problem
+from uuv_optical_array.estimation.least_squares.starts import Guide, guide_of
 from uuv_optical_array.estimation.signature import features
-from uuv_optical_array.estimation.signature.features import lifted, scene_parameters
-from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
-from uuv_optical_array.estimation.signature_table import MIN_PEAK_COUNTS, grid_axes, no_light
+from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import Constants, Expected
 from uuv_optical_array.forward.model import ForwardModel
@@ -60,12 +58,6 @@ UNOBSERVABLE = 0.5
 # An image is as good as linear where its posterior's mode is within so many standard deviations of
 # its mean (0.1 near by, 1 from afar or of a planar array), and its range known to this share.
 BENT, FAR = 0.5, 0.06
-# Poses of the working volume from which fits may start: more make no fit more exact.
-STARTS = 1024
-# Beside them poses nearer than that, and the share of the range that they go down to; and as many
-# down to this share of the least range, the farther off the beam's axis the nearer.
-NEAR_STARTS, NEAREST, ASIDE = 4096, 0.2, 0.15
-BY_SIGNATURE = 1536  # of all these are looked up by their signature, too, and the others by image
 # Score from which detectors may be faulty: of one valid image of two hundred.
 DOUBTED = 2.576
 # Score up to which what is not clear has to fit: that of one image of fifty, or of a thousand by
@@ -148,23 +140,7 @@ class ImageFit:
         self._pose_prior = middle, PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
         self._pose_precision = np.diag(1 / np.square(self._pose_prior[1]))
         self._unobservable_variance = (UNOBSERVABLE * self._pose_prior[1]) ** 2
-        poses, images = self._starts(axes)
-        full_scale, peak = scene.full_scale_counts, scene.signature.peak
-        side = model.array.side
-        first = scene_parameters(images[:BY_SIGNATURE], scene)
-        vectors, flat = lifted(first, scene.signature, side), images.reshape(len(poses), -1)
-        self.guide = Guide(
-            np.ascontiguousarray(unit_vectors(vectors).T),
-            poses,
-            np.ascontiguousarray(np.sqrt(np.maximum(flat, 0.0)).T),
-            lifted(np.ones(5), scene.signature, side),
-            candidates,
-            float(-ndtri(max_misfit)),
-            bool(scene.lamps),
-            side,
-            float(full_scale),
-            peak == "subdetector",
-        )
+        self.guide = guide_of(model, candidates, float(-ndtri(max_misfit)))
         self.run(compiled)
 
     def run(self, compiled: bool) -> None:
@@ -189,29 +165,6 @@ class ImageFit:
             self._look = compilation.prepare(look, kinds[0].problem, at)
         self._kinds, self._linearise, self._frame, self._linear = kinds, lineariser, frame, linear
         self.compiled = compiled
-
-    def _starts(self, axes: list[Array]) -> tuple[Array, Array]:
-        """Return poses that fits may start from, and their images."""
-        rng = np.random.default_rng(0)  # the same in every run: an image has one answer
-
-        def drawn(count: int) -> Array:
-            # Points of the grid: from its edges fits find minima that they miss from within.
-            return np.stack([rng.choice(axis, count) for axis in axes], axis=-1)
-
-        poses = drawn(STARTS)
-        # Nearer than that the array saturates, and from afar no fit leads there.
-        near = drawn(NEAR_STARTS)
-        near[:, :3] *= rng.uniform(NEAREST, 1, (len(near), 1))
-        aside = drawn(NEAR_STARTS)
-        share = np.exp(rng.uniform(math.log(ASIDE), 0, NEAR_STARTS))
-        aside[:, 0] = share * axes[0].max()
-        aside[:, 1:3] *= np.sqrt(share)[:, None]
-        poses = np.concatenate([poses, near, aside])
-        images = self._model.converted(self._model.light(poses))
-        lit = images.max(axis=(1, 2)) - self._model.noise.black >= MIN_PEAK_COUNTS
-        if not lit.any():
-            raise no_light(self._model.scene)
-        return poses[lit], images[lit]
 
     @np.errstate(all="ignore")  # of light too dim and places too far for a float64
     def __call__(

@@ -1,0 +1,173 @@
+"""Where the fits of an image start: from poses whose images look alike."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uuv_optical_array.core.geometry import PITCH, Array, lamp_in_body
+from uuv_optical_array.core.numerics.elementwise import stack
+from uuv_optical_array.estimation.least_squares.problem import Problem
+from uuv_optical_array.estimation.least_squares.thinned import (
+    kept_of,
+    readings_of,
+    thinned_blur,
+    thinned_optics,
+)
+from uuv_optical_array.estimation.signature.features import (
+    lifted,
+    scene_parameters,
+    write_parameters,
+)
+from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
+from uuv_optical_array.estimation.signature_table import MIN_PEAK_COUNTS, grid_axes, no_light
+from uuv_optical_array.forward.model import BLOCK_READINGS, ForwardModel
+from uuv_optical_array.forward.optics import Optics, detect, write_light
+
+# Poses of the working volume from which fits may start: more make no fit more exact.
+STARTS = 1024
+# Beside them poses nearer than that, and the share of the range that they go down to; and as many
+# down to this share of the least range, the farther off the beam's axis the nearer.
+NEAR_STARTS, NEAREST, ASIDE = 4096, 0.2, 0.15
+BY_SIGNATURE = 1536  # of all these are looked up by their signature, too, and the others by image
+
+
+class Guide(NamedTuple):
+    """What a table says about where to start, and when a fit is good.
+
+    Of large arrays all this is of the detectors that are kept, see `thinned`.
+
+    - units: directions of signatures, of length one, by columns, shape ``(6, m)``.
+    - poses: of these and more, m and rad, shape ``(k, 5)``.
+    - roots: square roots of their readings, by columns, shape ``(n, k)``.
+    - weights: of the five key parameters, and the constant that is appended, shape ``(6,)``.
+    - candidates: rows to start from, unless these leave doubt.
+    - max_score: score of the misfit beyond which a fit is no pose.
+    - gaussian: whether the posterior is taken as linear at the best minimum, not integrated.
+    - side, full_scale_counts, subdetector: as of `features.write_parameters`.
+    - readings, blur: that are kept, as of `thinned.thinned`, shapes ``(n,)`` and ``(side, side)``.
+    """
+
+    units: Array
+    poses: Array
+    roots: Array
+    weights: Array
+    candidates: int
+    max_score: float
+    gaussian: bool
+    side: int
+    full_scale_counts: float
+    subdetector: bool
+    readings: Any
+    blur: Array
+
+
+def guide_of(model: ForwardModel, candidates: int, max_score: float) -> Guide:
+    """Return the guide of a model's images; ValueError for a scene without light."""
+    scene, whole = model.scene, model.array.side
+    side, lamps = len(kept_of(whole)), scene.lamp_count
+    readings, optics = readings_of(whole, lamps), model.optics()
+    blur = thinned_blur(optics.blur, whole)
+    poses = drawn_poses(grid_axes(scene.table))
+    images = model.converted(light_of(thinned_optics(optics, readings, blur), poses))
+    lit = images.max(axis=1) - model.noise.black >= MIN_PEAK_COUNTS
+    if not lit.any():
+        raise no_light(scene)
+    poses, images = poses[lit], images[lit]
+    first = images[:BY_SIGNATURE].reshape(-1, lamps * side, side)
+    vectors = lifted(scene_parameters(first, scene), scene.signature, side)
+    return Guide(
+        np.ascontiguousarray(unit_vectors(vectors).T),
+        poses,
+        np.ascontiguousarray(np.sqrt(np.maximum(images, 0.0)).T),
+        lifted(np.ones(5), scene.signature, side),
+        candidates,
+        max_score,
+        bool(scene.lamps),
+        side,
+        float(scene.full_scale_counts),
+        scene.signature.peak == "subdetector",
+        readings,
+        blur,
+    )
+
+
+def drawn_poses(axes: list[Array]) -> Array:
+    """Return poses that fits may start from, by the axes of a grid; these are the same each time.
+
+    So an image has one answer.
+    """
+    rng = np.random.default_rng(0)
+
+    def drawn(count: int) -> Array:
+        # Points of the grid: from its edges fits find minima that they miss from within.
+        return np.stack([rng.choice(axis, count) for axis in axes], axis=-1)
+
+    poses = drawn(STARTS)
+    # Nearer than that the array saturates, and from afar no fit leads there.
+    near = drawn(NEAR_STARTS)
+    near[:, :3] *= rng.uniform(NEAREST, 1, (len(near), 1))
+    aside = drawn(NEAR_STARTS)
+    share = np.exp(rng.uniform(math.log(ASIDE), 0, NEAR_STARTS))
+    aside[:, 0] = share * axes[0].max()
+    aside[:, 1:3] *= np.sqrt(share)[:, None]
+    return np.concatenate([poses, near, aside])
+
+
+def light_of(optics: Optics, poses: Array) -> Array:
+    """Return the light at poses of level followers, counts, shape ``(m, n)``."""
+    image = np.empty((1, len(poses), optics.step_values.shape[1]))
+    step = max(1, BLOCK_READINGS // image.shape[-1])
+    with np.errstate(under="ignore"):  # light too dim for a float64 counts as none
+        for start in range(0, len(poses), step):
+            part = slice(start, start + step)
+            at = np.ascontiguousarray(poses[part].T)[..., None]
+            level, nothing = np.zeros(at.shape[1:]), np.zeros((0, *at.shape[1:]))
+            lamp = stack(*lamp_in_body(at, level))
+            slopes = np.zeros((6, 0, *at.shape[1:]))
+            write_light(optics, lamp, slopes, (*at[PITCH:], level), nothing, image[:, part])
+            detect(optics, nothing, image[:, part])
+    return image[0]
+
+
+def direction(problem: Problem, guide: Guide) -> Array:
+    """Return the direction of an image's signature, of length one, shape ``(6,)``."""
+    # Worked out also where the caller has it: that is less than to hand it down.
+    readings, parameters = problem.readings[guide.readings], np.empty((5, 1))
+    count = guide.side * guide.side
+    column = np.zeros((count, 1))  # the images of all lamps together
+    for i in range(len(readings)):
+        column[i % count, 0] += readings[i]
+    write_parameters(column, guide.side, guide.full_scale_counts, guide.subdetector, parameters)
+    unit = guide.weights.copy()
+    for i in range(5):
+        unit[i] *= parameters[i, 0]
+    unit /= np.sqrt((unit * unit).sum())
+    return unit
+
+
+def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
+    """Return the rows of least chord to a direction, nearest first."""
+    squares = np.zeros(units.shape[1])
+    for k in range(len(unit)):
+        squares += (units[k] - unit[k]) ** 2
+    rows, chords = np.zeros(count, dtype=np.int64), np.full(count, np.inf)
+    for row in range(len(squares)):
+        if squares[row] < chords[count - 1]:
+            place = count - 1
+            while place > 0 and chords[place - 1] > squares[row]:
+                chords[place], rows[place] = chords[place - 1], rows[place - 1]
+                place -= 1
+            chords[place], rows[place] = squares[row], row
+    return rows, np.sqrt(chords)
+
+
+def rows_alike(problem: Problem, guide: Guide, unit: Array, count: int) -> Any:
+    """Return the rows of least chord, and between them those whose images are most alike."""
+    rows, _ = nearest_rows(guide.units, unit, count)
+    if not guide.gaussian:
+        roots = np.sqrt(np.maximum(problem.readings, 0.0))
+        alike, _ = nearest_rows(guide.roots, roots, count // 2)
+        for k in range(count - 1, 0, -1):
+            rows[k] = alike[k // 2] if k % 2 == 1 else rows[k // 2]
+    return rows

@@ -34,6 +34,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     misfit,
     propose,
     refine,
+    settle,
     start_at,
     step,
 )
@@ -159,7 +160,7 @@ def find_minima(problem: Problem, guide: Guide) -> tuple[list[State], float, flo
     minima = found[:0]
     for state in found:
         if state.cost - found[0].cost < NEGLIGIBLE:
-            descend(problem, minima, state.parts[AT], MANY_STEPS)
+            insert(minima, settle(problem, state.parts[AT]))
     if len(minima) > 0:
         score = misfit(problem, minima[0].parts[AT])
     return minima, score, angle, second_angle

@@ -9,7 +9,13 @@ from numpy import sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.numerics.elementwise import indices, total, workspace, zeros
-from uuv_optical_array.core.numerics.gauss_newton import minimiser, stepper
+from uuv_optical_array.core.numerics.gauss_newton import (
+    FREE,
+    GIVE_UP,
+    first_damping,
+    minimiser,
+    stepper,
+)
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.information.likelihood import likelihood_of
 from uuv_optical_array.estimation.least_squares.misfit import chi_square_score, residual_moments
@@ -38,6 +44,7 @@ MOST_STEPS: Any = np.int64(40)
 MANY_STEPS: Any = np.int64(300)
 # Decrement from which the next step, a tenth of a standard deviation, arrives to second order.
 ARRIVED = 5e-3
+UPHILL = 3  # steps without gain after which `settle` goes back
 # Scores that one honest image of a hundred exceeds, and one of a thousand.
 USUAL, UNUSUAL = 2.326, 3.09
 LIT_SHARE = 0.02  # of the brightest reading, below which daylight may be all that a reading shows
@@ -280,6 +287,34 @@ def propose(problem: Problem, state: State, damping: float) -> tuple[Array, floa
 # Move coordinates, shape ``(p,)``, to where they are most probable nearby, and a step thither.
 step = stepper(evaluate, propose, ARRIVED)
 refine = minimiser(evaluate, propose, ARRIVED, MOST_STEPS)
+
+
+def settle(problem: Problem, start: Array) -> State:
+    """Return what `refine` does, from near a minimum, in few steps however narrow its valley.
+
+    Where the valley bends, a step along it ends beside it and above, and the next step leads back,
+    farther down. So the best place is gone back to, and the step damped, after `UPHILL` steps
+    without gain (the watchdog technique of R. Chamberlain et al., 1982, Math. Prog. Study 16, 1).
+    """
+    state = evaluate(problem, start)
+    best, damping, uphill = state, first_damping(state), 0
+    for _ in range(MOST_STEPS):
+        if not 0 < damping <= GIVE_UP:
+            break
+        there, decrement = propose(problem, state, damping)
+        state = evaluate(problem, there)
+        arrives = uphill == 0 and decrement < ARRIVED and damping < FREE
+        if -np.inf < state.cost < best.cost:
+            short = state.cost > best.cost - ARRIVED
+            best, uphill = state, 0
+            damping = 0.0 if arrives or short else 0.1 * damping
+        elif arrives:
+            break
+        else:
+            uphill += 1
+            if uphill == UPHILL or not abs(state.cost) < np.inf:
+                state, uphill, damping = best, 0, max(100 * damping, FREE)
+    return best
 
 
 def light_at(problem: Problem, at: Array) -> Array:

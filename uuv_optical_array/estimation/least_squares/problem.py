@@ -44,7 +44,8 @@ MOST_STEPS: Any = np.int64(40)
 MANY_STEPS: Any = np.int64(300)
 # Decrement from which the next step, a tenth of a standard deviation, arrives to second order.
 ARRIVED = 5e-3
-UPHILL = 3  # steps without gain after which `settle` goes back
+# Of `settle`: damping of the first step, and how many without gain it takes before it goes back.
+SLIGHT, UPHILL = 1e-6, 6
 # Scores that one honest image of a hundred exceeds, and one of a thousand.
 USUAL, UNUSUAL = 2.326, 3.09
 LIT_SHARE = 0.02  # of the brightest reading, below which daylight may be all that a reading shows
@@ -297,9 +298,9 @@ def settle(problem: Problem, start: Array) -> State:
     without gain (the watchdog technique of R. Chamberlain et al., 1982, Math. Prog. Study 16, 1).
     """
     state = evaluate(problem, start)
-    best, damping, uphill = state, first_damping(state), 0
+    best, damping, uphill = state, SLIGHT, 0
     for _ in range(MOST_STEPS):
-        if not 0 < damping <= GIVE_UP:
+        if not 0 < damping <= GIVE_UP or not abs(best.cost) < np.inf:
             break
         there, decrement = propose(problem, state, damping)
         state = evaluate(problem, there)

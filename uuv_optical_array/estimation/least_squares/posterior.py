@@ -339,29 +339,35 @@ def by_nine_nodes(
 
     Without nodes, and with one left in the lattice, where a logarithm is off by `NEARLY` or more.
     """
-    logs, node = np.empty(9), MINIMUM
-    start, step = np.empty(lattice.ats.shape[1]), np.sqrt(3.0) / SPACING
+    logs, size = np.empty(9), lattice.ats.shape[1]
+    start, straight, step = np.empty(size), np.empty(size), np.sqrt(3.0) / SPACING
+    one, other = step * basis[:, 0], step * basis[:, 1]
     logs[0] = np.log(16 / 36)
-    for i in range(-1, 2):
-        for j in range(-1, 2):
-            if i == 0 and j == 0:
-                continue
-            u = step * (i * basis[0, 0] + j * basis[0, 1])
-            v = step * (i * basis[1, 0] + j * basis[1, 1])
+    # Four along the axes, one after its opposite, then four corners, from the first axis.
+    for node in range(1, 9):
+        sign, corner = 1 - 2 * ((node - 1) % 2), node > 4
+        i = 1 - 2 * ((node - 5) // 2) if corner else (sign if node < 3 else 0)
+        j = sign if node > 2 else 0
+        parent, alike = MINIMUM, node - 1
+        if corner:
+            parent, alike = (3 - i) // 2, (7 - j) // 2
+            write_start(lattice, parent, j * other[0], j * other[1], start)
+            write_start(lattice, MINIMUM, j * other[0], j * other[1], straight)
+        else:
+            u, v = i * one[0] + j * other[0], i * one[1] + j * other[1]
             write_start(lattice, MINIMUM, u, v, start)
-            node += 1
-            if node > 4:
-                # All else bends as much as on the opposite side of the minimum.
-                for k in range(len(start)):
-                    ahead = start[k] - lattice.ats[MINIMUM, k]
-                    start[k] = lattice.ats[9 - node, k] + 2 * ahead
-            write_node(problem, evaluate(problem, start), lattice, node)
-            over = lattice.logs[node] - lattice.logs[0] + 1.5 * (i * i + j * j)
-            if not abs(over) < NEARLY:
-                for k in range(1, node + 1):
-                    lattice.logs[k] = -np.inf
-                return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
-            logs[node] = over + np.log((4 if i == 0 or j == 0 else 1) / 36)
+            write_start(lattice, MINIMUM, -u, -v, straight)
+        if corner or sign < 0:
+            # All else bends as much as at the node that is alike.
+            for k in range(size):
+                start[k] += lattice.ats[alike, k] - straight[k]
+        write_node(problem, evaluate(problem, start), lattice, node)
+        over = lattice.logs[node] - lattice.logs[0] + 1.5 * (i * i + j * j)
+        if not abs(over) < NEARLY:
+            for k in range(1, node + 1):
+                lattice.logs[k] = -np.inf
+            return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
+        logs[node] = over + np.log((1 if corner else 4) / 36)
     moments = moments_of(lattice, logs)
     log_weight = moments.log_weight + lattice.logs[0] + np.log(2 * np.pi / SPACING**2) + log_cell
     return PosteriorMoments(log_weight, moments.mean, moments.covariance, moments.nodes)

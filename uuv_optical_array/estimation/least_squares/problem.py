@@ -12,7 +12,6 @@ from uuv_optical_array.core.numerics.elementwise import indices, total, workspac
 from uuv_optical_array.core.numerics.gauss_newton import (
     FREE,
     GIVE_UP,
-    first_damping,
     minimiser,
     stepper,
 )

@@ -1,0 +1,127 @@
+"""Where fits start, and large arrays by few of their detectors."""
+
+import numpy as np
+import pytest
+from scenes import changed
+
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.least_squares import problem as problem_module
+from uuv_optical_array.estimation.least_squares.image_fit import Image
+from uuv_optical_array.estimation.least_squares.problem import (
+    GRADIENT,
+    INFORMATION,
+    evaluate,
+    light_at,
+    settle,
+    start_at,
+)
+from uuv_optical_array.estimation.least_squares.starts import direction, guide_of, light_of
+from uuv_optical_array.estimation.least_squares.thinned import (
+    kept_of,
+    readings_of,
+    thinned,
+    thinned_blur,
+    thinned_optics,
+)
+from uuv_optical_array.forward.model import ForwardModel
+
+POSE = np.array([-5.0, 0.3, -0.2, 0.1, -0.15])
+BLUR = {"effects": {"forward_scatter": {"window_m": 0.05}}}
+
+
+def of_side(side, scene="follow", **groups):
+    return ForwardModel(changed(scene, array={"detectors_per_side": side}, **groups))
+
+
+@pytest.mark.parametrize("side", [2, 5, 9, 16, 17, 21, 24, 51, 101, 501])
+def test_the_detectors_that_are_kept_of_a_row_are_few_evenly_spaced_and_about_the_middle(side):
+    kept = kept_of(side)
+    assert len(set(np.diff(kept))) == 1
+    assert len(kept) == side if side < 17 else 9 <= len(kept) <= 16
+    assert abs(kept[0] - (side - 1 - kept[-1])) <= 1
+
+
+@pytest.mark.parametrize(
+    ("model", "tolerance"),
+    [
+        (of_side(21), 1e-12),
+        (of_side(21, "leading_lights"), 1e-12),
+        (of_side(34, "coastal"), 1e-12),
+        (of_side(21, **BLUR), 6e-3),  # light between the detectors that are kept is nearly linear
+    ],
+)
+def test_few_detectors_have_the_light_that_they_have_among_all(model, tolerance):
+    side, lamps, kept = model.array.side, model.scene.lamp_count, kept_of(model.array.side)
+    whole = model.light(POSE).reshape(lamps, side, side)[:, kept[:, None], kept].reshape(-1)
+    optics, readings = model.optics(), readings_of(side, lamps)
+    few = thinned_optics(optics, readings, thinned_blur(optics.blur, side))
+    np.testing.assert_allclose(light_of(few, POSE[None])[0], whole, rtol=tolerance)
+
+
+def test_the_problem_of_few_readings_is_that_of_all_without_the_others():
+    model = of_side(21, "leading_lights")
+    fit = Estimator(model.scene, compiled=False)._fit
+    readings = model.expose(POSE, np.random.default_rng(2)).ravel()
+    problem = Image(readings, 0.1, None).problem(fit._kinds[-1])
+    few, at = thinned(problem, fit.guide.readings, fit.guide.blur), start_at(problem, POSE)
+    weights = np.zeros_like(readings)
+    weights[fit.guide.readings] = 1
+    own, other = evaluate(few, at), evaluate(problem._replace(weights=weights), at)
+    assert own.cost == pytest.approx(other.cost, rel=1e-9)
+    for rows in (GRADIENT, slice(INFORMATION, None)):
+        told, wanted = own.parts[rows], other.parts[rows]
+        np.testing.assert_allclose(told, wanted, rtol=1e-7, atol=1e-9 * np.abs(wanted).max())
+    np.testing.assert_allclose(light_at(few, at), light_at(problem, at)[fit.guide.readings])
+
+
+def test_starts_of_a_large_array_are_compared_by_few_detectors_whose_light_they_have():
+    model = of_side(101)
+    guide = guide_of(model, 3, 4.0)
+    assert guide.roots.shape == (81, len(guide.poses))
+    chosen = [0, 700, len(guide.poses) - 1]
+    images = model.converted(model.light(guide.poses[chosen]))
+    few = images.reshape(3, -1)[:, guide.readings]
+    np.testing.assert_allclose(guide.roots[:, chosen].T ** 2, few, atol=1e-9)
+    # The signature of an image is that of its start.
+    of_start = Image(images[0].ravel(), 0.0, None).problem(
+        Estimator(model.scene, compiled=False)._fit._kinds[0]
+    )
+    np.testing.assert_allclose(direction(of_start, guide), guide.units[:, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(("side", "seed"), [(21, 1), (51, 2), (51, 3)])
+def test_a_fit_of_a_large_array_ends_where_all_of_its_readings_have_their_minimum(side, seed):
+    model, rng = of_side(side), np.random.default_rng(seed)
+    fit = Estimator(model.scene, compiled=False)._fit
+    stds = model.scene.prior.nuisance_std()
+    sea = {name: std * rng.standard_normal() for name, std in stds.items()}
+    image = Image(model.expose(POSE, rng, offsets=sea).ravel(), 0.0, None)
+    problem = image.problem(fit._kinds[0])
+    found = fit._frame(problem, fit.guide, 0).best
+    best = evaluate(problem, np.append(start_at(problem, found[:5])[:5], found[5:]))
+    pull, information = best.parts[GRADIENT], best.parts[INFORMATION:]
+    assert pull @ np.linalg.solve(information, pull) < 0.1  # in squared standard deviations
+    # It is no worse than what the true pose and sea lead to.
+    truth = np.append(start_at(problem, POSE)[:5], list(sea.values()))
+    assert best.cost < settle(problem, truth).cost + 0.1
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_narrow_valley_that_bends_is_followed_in_few_steps(monkeypatch, sign):
+    model, pose = of_side(51), np.array([-6.3, 0.59, -0.16, 0.03, -0.33])
+    fit = Estimator(model.scene, compiled=False)._fit
+    problem = Image(model.light(pose).ravel(), 0.0, None).problem(fit._kinds[0])
+    truth = start_at(problem, pose)  # where light without noise has its minimum
+    state = evaluate(problem, truth)
+    scale = np.outer(problem.reach, problem.reach)
+    _, axes = np.linalg.eigh(state.parts[INFORMATION:] * scale)
+    counted, calls = problem_module.likelihood_of, []
+
+    def likelihood_of(*given):
+        calls.append(1)
+        counted(*given)
+
+    monkeypatch.setattr(problem_module, "likelihood_of", likelihood_of)
+    best = settle(problem, truth + sign * problem.reach * axes[:, 0])
+    assert best.cost == pytest.approx(state.cost, abs=0.02)
+    assert len(calls) <= 7  # steps that only lead downhill take 31 and more

@@ -143,7 +143,8 @@ def disbelieve(problem: Problem, guide: Guide) -> float:
     for row in range(len(distances)):
         write_unlike(guide, row, sight, seen)
         distances[row] = np.sort(seen)[: len(seen) - max(len(seen) // (LIT_EACH + 1), 1)].sum()
-    least, best, at = np.inf, np.ones(len(weights)), start_at(problem, guide.poses[0])
+    least, best = np.inf, np.ones_like(weights)
+    at = start_at(problem, guide.poses[0])
     for _ in range(STARTS):
         row = int(np.argmin(distances))
         distances[row] = np.inf

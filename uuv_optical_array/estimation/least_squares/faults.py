@@ -129,12 +129,12 @@ def fit_believed(problem: Problem, at: Array, squares: Array) -> tuple[float, Ar
     return total, at
 
 
-def disbelieve(problem: Problem, guide: Guide) -> float:
+def disbelieve(problem: Problem, guide: Guide) -> tuple[Array, float]:
     """Write the weights of readings where one pose explains most of them, by the best of starts.
 
     - problem: with readings and weights of its own; what is not believed is made that of the pose.
     - guide: where fits may start.
-    - returned: logarithm of the probability of what is not believed.
+    - returned: where the fit is, and logarithm of the probability of what is not believed.
     """
     weights, readings, noise = problem.weights, problem.readings, problem.noise
     detectors, sight = len(readings) // lamps_of(problem), np.sqrt(np.maximum(readings, 0.0))
@@ -159,4 +159,4 @@ def disbelieve(problem: Problem, guide: Guide) -> float:
     for j in range(len(weights)):
         if weights[j] < 0.5:
             readings[j] = min(max(light[j], noise.low), noise.high)
-    return log
+    return at, log

@@ -147,26 +147,25 @@ def rivals(minima: list[State]) -> bool:
     return len(minima) > 1 and minima[1].cost - minima[0].cost < NEGLIGIBLE
 
 
-def find_minima(problem: Problem, guide: Guide) -> tuple[list[State], float, float, float]:
-    """Return the minima, best first, the misfit of the first, and the angles of the nearest rows.
+def find_minima(problem: Problem, guide: Guide, unit: Array) -> tuple[list[State], float]:
+    """Return the minima, best first, and the misfit of the first, by the direction of an image.
 
     Those of a large array are found by few of its detectors, and refined by all.
     """
-    unit = direction(problem, guide)
     if len(guide.readings) == len(problem.readings):
         return search(problem, guide, unit)
     few = thinned(problem, guide.readings, guide.blur)
-    found, score, angle, second_angle = search(few, guide, unit)
+    found, score = search(few, guide, unit)
     minima = found[:0]
     for state in found:
         if state.cost - found[0].cost < NEGLIGIBLE:
             insert(minima, settle(problem, state.parts[AT]))
     if len(minima) > 0:
         score = misfit(problem, minima[0].parts[AT])
-    return minima, score, angle, second_angle
+    return minima, score
 
 
-def search(problem: Problem, guide: Guide, unit: Array) -> tuple[list[State], float, float, float]:
+def search(problem: Problem, guide: Guide, unit: Array) -> tuple[list[State], float]:
     """Return what `find_minima` does, by the readings that the guide is of.
 
     Where the first starts lead to rivals or to a fit that noise can hardly explain, more follow.
@@ -174,9 +173,7 @@ def search(problem: Problem, guide: Guide, unit: Array) -> tuple[list[State], fl
     most = min(MOST_STARTS, guide.units.shape[1])
     enough = guide.gaussian or lit(problem) >= FEW_LIT
     count = min(guide.candidates if enough else MOST_STARTS, most)
-    rows, chords = nearest_rows(guide.units, unit, max(count, 2))
-    angle = 2 * np.arcsin(min(0.5 * chords[0], 1.0))
-    second_angle = 2 * np.arcsin(min(0.5 * chords[1], 1.0))
+    rows, _ = nearest_rows(guide.units, unit, max(count, 2))
     if count > guide.candidates:
         rows = rows_alike(problem, guide, unit, count)
     minima = [refine(problem, start_at(problem, guide.poses[rows[0]]), MOST_STEPS)]
@@ -213,7 +210,7 @@ def search(problem: Problem, guide: Guide, unit: Array) -> tuple[list[State], fl
             insert(minima, refine(problem, state.parts[AT], MANY_STEPS))
         if len(minima) > 0:
             score = misfit(problem, minima[0].parts[AT])
-    return minima, score, angle, second_angle
+    return minima, score
 
 
 def posterior_about(problem: Problem, minima: list[State]) -> PosteriorMoments:
@@ -255,9 +252,17 @@ def estimate_frame(problem: Problem, guide: Guide, doubting: bool) -> FrameResul
     coordinates: Any = np.full(5, np.nan)
     outcome, pose, evidence, linear, log_faulty = NO_START, nothing, -np.inf, -np.inf, 0.0
     runner_up, runner_up_score, wider = nothing, np.nan, False
+    minima, score = [State(0.0, 0.0, np.empty((0, 0)))][:0], np.inf
     if doubting:
-        log_faulty = disbelieve(problem, guide)
-    minima, score, angle, second_angle = find_minima(problem, guide)
+        there, log_faulty = disbelieve(problem, guide)
+        insert(minima, refine(problem, there, MOST_STEPS))
+        if len(minima) > 0:
+            score = misfit(problem, minima[0].parts[AT])
+    unit = direction(problem, guide)
+    if not doubting:
+        minima, score = find_minima(problem, guide, unit)
+    _, chords = nearest_rows(guide.units, unit, 2)
+    angle, second_angle = 2 * np.arcsin(np.minimum(0.5 * chords, 1.0))
     if len(minima) > 0:
         for i in range(len(at)):
             at[i] = minima[0].parts[POSE if i < 5 else AT, i]

@@ -200,12 +200,13 @@ class ImageFit:
         if clear.frame.outcome == FITTED:
             found += filter(None, (self._beside(image, kind, clear) for kind in kinds[1:]))
         else:
-            found += [self._uneven(kind, image.problem(kind), guide) for kind in kinds[1:]]
+            found += [self._uneven(kind, image.problem(kind), guide) for kind in kinds[:0:-1]]
         if faults and clear.frame.score > DOUBTED:
-            mended = [self._mended(image, kind) for kind in kinds[:1]]
-            if not any(each.frame.score < DOUBTED for each in [*found, *filter(None, mended)]):
-                mended += [self._mended(image, kind) for kind in kinds[1:]]
-            found += filter(None, mended)
+            for kind in (kinds[0], kinds[-1])[: len(kinds)]:
+                mended = self._mended(image, kind)
+                found += [mended] if mended else []
+                if any(each.frame.outcome == FITTED for each in found):
+                    break
         return found
 
     def _hypothesis(

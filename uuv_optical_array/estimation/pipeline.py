@@ -119,14 +119,7 @@ class Pipeline:
         if image is not None:
             self.check(image)
         expected = None if self.tracker is None else self.tracker.expected(stamp_ns)
-        try:
-            estimate = self.estimator.estimate(image, parameters, roll, expected)
-        except NoPose:
-            if image is None or self.tracker is None or not self.tracker.lost(stamp_ns):
-                raise
-            # What the track learnt, which tells something of images only, may be what is wrong.
-            estimate = self.estimator.estimate(image, parameters, roll)
-            self.tracker.forget(stamp_ns)
+        estimate = self.estimator.estimate(image, parameters, roll, expected)
         if image is None:
             assert parameters is not None
             self._frozen.check(

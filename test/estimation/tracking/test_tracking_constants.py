@@ -1,4 +1,4 @@
-"""Constants and gain errors beside the pose: against one regression, and textbooks' filter."""
+"""Constants and gain errors beside the pose: against the dense filter of textbooks."""
 
 import contextlib
 import dataclasses
@@ -7,7 +7,8 @@ import math
 
 import numpy as np
 import pytest
-from tracks import NOISE, OPEN, START_NS, STATION, TENTH_NS, assert_same, motion, whitened
+from scipy.linalg import block_diag
+from tracks import NOISE, OPEN, START_NS, STATION, TENTH_NS, assert_same, motion
 
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
@@ -22,8 +23,8 @@ pytestmark = pytest.mark.filterwarnings("error")
 NAMES, STDS, GAIN_STD = ("ambient.level_counts", ROLL), (0.1, 0.02), 0.05
 HOLD_S = 60.0  # so short that drift shows
 DRIFTING = dataclasses.replace(OPEN, constants_hold_s=HOLD_S, reset_after_s=60.0)
-STEADY = dataclasses.replace(DRIFTING, constants_hold_s=1e7)
-AWAY = np.array([0.5, 0.3, 0.0, 0.0, 0.0])  # m/s: each frame sees another place
+SHARP = 1e-4 * NOISE  # by which each frame sees another place
+AWAY = np.array([0.5, 0.3, 0.0, 0.0, 0.0])  # m/s
 
 
 def constants(detectors):
@@ -51,9 +52,9 @@ def frames(seed, detectors, count=7, truth=None):
     return stamps.tolist(), found
 
 
-def fed(tracker, stamps, readings):
+def fed(tracker, stamps, readings, covariance=SHARP):
     for stamp, each in zip(stamps, readings, strict=True):
-        track = tracker.update(stamp, each.at[:5], NOISE, each)
+        track = tracker.update(stamp, each.at[:5], covariance, each)
     return track
 
 
@@ -65,93 +66,96 @@ def by_state(readings):
     return readings.slopes[says, :5], by_biases[says], read[says], np.diag(readings.variances[says])
 
 
-def biases_by_regression(readings, detectors):
-    """Return mean and covariance of the biases by all frames at once, the pose of each free."""
-    stds = np.array([*STDS, *[GAIN_STD] * detectors])
-    size, count = len(stds), len(readings)
-    rows, values = [np.hstack([np.diag(1 / stds), np.zeros((size, 5 * count))])], [np.zeros(size)]
-    for k, each in enumerate(readings):
-        by_pose, by_biases, read, noise = by_state(each)
-        row = np.zeros((len(read), size + 5 * count))
-        row[:, :size], row[:, size + 5 * k : size + 5 * k + 5] = by_biases, by_pose
-        rows.append(whitened(noise, row))
-        values.append(whitened(noise, read))
-    q, r = np.linalg.qr(np.vstack(rows))
-    covariance = np.linalg.inv(r)[:size]
-    return np.linalg.solve(r, q.T @ np.concatenate(values))[:size], covariance @ covariance.T
+def textbook(stamps, readings, detectors, taught=(), settings=DRIFTING):
+    """Return mean and covariance of pose, rate, and lasting and passing parts of all biases.
 
-
-def motion_by_textbook(stamps, readings, biases, skipped=()):
-    """Return pose and rate, filtered with the biases known, and their covariance."""
-    mean = np.concatenate([readings[0].at[:5], np.zeros(5)])
-    covariance = np.diag(np.square([*POSE_STD, *RATE_STD]))
+    Where `taught` says that a frame does not teach, its gain of the biases is 0 (Schmidt).
+    """
+    prior = np.array([*STDS, *[GAIN_STD] * detectors])
+    lasting = prior * np.repeat([math.sqrt(8) / 3, 1.0], [2, detectors])
+    passing = prior * np.repeat([1 / 3, 1.0], [2, detectors])
+    times = np.repeat([settings.constants_hold_s, 60.0, 10.0], [2 + detectors, 2, detectors])
+    variances = np.square([*lasting, *passing])
+    mean = np.concatenate([readings[0].at[:5], np.zeros(5 + len(variances))])
+    covariance = np.diag([*np.square([*POSE_STD, *RATE_STD]), *variances])
     for k, each in enumerate(readings):
         if k:
-            transition, noise = motion((stamps[k] - stamps[k - 1]) * 1e-9, STEADY)
+            step_s = (stamps[k] - stamps[k - 1]) * 1e-9
+            kept, of_motion = np.exp(-step_s / times), motion(step_s, settings)
+            transition, noise = (
+                block_diag(one, np.diag(other))
+                for one, other in zip(of_motion, (kept, (1 - kept**2) * variances), strict=True)
+            )
             mean, covariance = transition @ mean, transition @ covariance @ transition.T + noise
-        if k in skipped:
-            continue
-        by_pose, by_biases, read, noise = by_state(each)
-        by_pose = np.hstack([by_pose, np.zeros((len(read), 5))])
-        gain = np.linalg.solve(by_pose @ covariance @ by_pose.T + noise, by_pose @ covariance).T
-        mean = mean + gain @ (read - by_biases @ biases - by_pose @ mean)
-        covariance = (np.eye(10) - gain @ by_pose) @ covariance
+        by_pose, by_biases, read, errors = by_state(each)
+        slopes = np.hstack([by_pose, np.zeros((len(read), 5)), by_biases, by_biases])
+        gain = np.linalg.solve(slopes @ covariance @ slopes.T + errors, slopes @ covariance).T
+        if taught and not taught[k]:
+            gain[10:] = 0.0
+        mean = mean + gain @ (read - slopes @ mean)
+        left = np.eye(len(mean)) - gain @ slopes
+        covariance = left @ covariance @ left.T + gain @ errors @ gain.T
     return mean, covariance
 
 
-def motion_and_slopes(stamps, readings, biases, skipped=()):
-    """Return pose and rate with the biases known, their covariance, and slopes by the biases."""
-    mean, covariance = motion_by_textbook(stamps, readings, biases, skipped)
-    others = [
-        motion_by_textbook(stamps, readings, biases + more, skipped)[0]
-        for more in np.eye(len(biases))
-    ]
-    return mean, covariance, (np.array(others) - mean).T
-
-
-def state_by_both(stamps, readings, detectors, skipped=()):
-    """Return pose, rate and biases, the covariance of the first two, the biases' and the turn."""
-    learnt_of = [each for k, each in enumerate(readings) if k not in skipped]
-    biases, spread = biases_by_regression(learnt_of, detectors)
-    mean, covariance, slopes = motion_and_slopes(stamps, readings, biases, skipped)
-    covariance = covariance + slopes @ spread @ slopes.T
-    turn = [*slopes[:5] @ spread[:, 1], spread[1, 1]]  # of the roll with the pose
-    return np.concatenate([mean, biases]), covariance, spread, turn
-
-
-def assert_is(tracker, track, state, covariance, spread, turn):
+def assert_is(track, mean, covariance):
     near = {"rtol": 1e-4, "atol": 1e-6}
-    np.testing.assert_allclose([*track.pose, *track.rate], state[:10], **near)
-    np.testing.assert_allclose(track.joint_covariance, covariance, **near)
-    mean, found, _ = tracker.expected(track.stamp_ns)
-    np.testing.assert_allclose(mean, state[10:12], **near)
-    np.testing.assert_allclose(found, spread[:2, :2], **near)
+    size = (len(mean) - 10) // 2
+    parts = np.hstack([np.zeros((size, 10)), np.eye(size), np.eye(size)])
+    biases, spread = parts @ mean, parts @ covariance @ parts.T
+    np.testing.assert_allclose([*track.pose, *track.rate], mean[:10], **near)
+    np.testing.assert_allclose(track.joint_covariance, covariance[:10, :10], **near)
     assert list(track.constants) == list(NAMES)
-    for (offset, std), expected, square in zip(
-        track.constants.values(), state[10:12], spread.diagonal()[:2], strict=True
-    ):
-        assert (offset, std) == pytest.approx((expected, math.sqrt(square)), rel=1e-4, abs=1e-6)
-    np.testing.assert_allclose(track.gains, state[12:], **near)
+    found = np.array([*track.constants.values()])
+    np.testing.assert_allclose(found[:, 0], biases[:2], **near)
+    np.testing.assert_allclose(found[:, 1], np.sqrt(spread.diagonal()[:2]), **near)
+    np.testing.assert_allclose(track.gains, biases[2:], **near)
+    turn = [*covariance[:5] @ parts[1], spread[1, 1]]  # of the roll with the pose
     np.testing.assert_allclose(track.turn, turn, **near)
 
 
-@pytest.mark.parametrize(("seed", "detectors"), [(0, 9), (1, 9), (2, 50)])
-def test_biases_are_the_least_squares_solution_and_the_pose_is_filtered_given_them(seed, detectors):
+@pytest.mark.parametrize(("seed", "detectors"), [(0, 9), (1, 9), (2, 49)])
+def test_pose_rate_constants_and_gains_are_those_of_the_textbooks_filter(seed, detectors):
     stamps, readings = frames(seed, detectors)
-    tracker = Tracker(STEADY, constants=constants(detectors))
-    track = fed(tracker, stamps, readings)
-    assert_is(tracker, track, *state_by_both(stamps, readings, detectors))
+    tracker = Tracker(DRIFTING, constants=constants(detectors))
+    assert_is(fed(tracker, stamps, readings), *textbook(stamps, readings, detectors))
+
+
+def test_frames_of_one_place_correct_the_pose_and_teach_nothing():
+    stamps, readings = frames(3, 9)
+    taught = [True, *[False] * 6]
+    tracker = Tracker(DRIFTING, constants=constants(9))
+    track = fed(tracker, stamps, readings, 1e4 * NOISE)
+    assert_is(track, *textbook(stamps, readings, 9, taught))
+
+
+def test_of_many_detectors_those_of_a_block_have_one_gain_error():
+    count, size = 14 * 14, 7 * 7
+    _, readings = frames(2, count, 1)
+    (each,) = readings
+    each = each._replace(variances=np.full(count, 1e-6), light=np.full(count, 20.0))
+    rows = np.arange(count).reshape(14, 14)
+    block = rows // 14 // 2 * 7 + rows % 14 // 2
+    gains = (GAIN_STD / 2 * np.random.default_rng(1).standard_normal(size))[block.ravel()]
+    each = each._replace(residuals=each.slopes @ (0.01 * np.ones(7)) + 20.0 * gains)
+    track = fed(Tracker(DRIFTING, constants=constants(count)), [START_NS], [each])
+    found = track.gains.reshape(7, 2, 7, 2)
+    np.testing.assert_array_equal(found, np.broadcast_to(found[:, :1, :, :1], found.shape))
+    assert np.corrcoef(track.gains, gains)[0, 1] > 0.9
 
 
 def test_bare_poses_pass_by_a_track_of_readings():
     stamps, readings = frames(5, 9)
-    tracker = Tracker(STEADY, constants=constants(9))
+    tracker, other = (Tracker(DRIFTING, constants=constants(9)) for _ in range(2))
     for k, (stamp, frame) in enumerate(zip(stamps, readings, strict=True)):
         if k == 3:
             assert tracker.update(stamp, frame.at[:5], NOISE).frames == 3
         else:
-            track = tracker.update(stamp, frame.at[:5], NOISE, frame)
-    assert_is(tracker, track, *state_by_both(stamps, readings, 9, skipped=[3]))
+            track = tracker.update(stamp, frame.at[:5], SHARP, frame)
+            same = other.update(stamp, frame.at[:5], SHARP, frame)
+    near = {"rtol": 1e-6, "atol": 1e-8}
+    np.testing.assert_allclose(track.pose, same.pose, **near)
+    np.testing.assert_allclose(track.joint_covariance, same.joint_covariance, **near)
 
 
 def test_constants_that_drift_are_followed():
@@ -166,12 +170,9 @@ def test_constants_that_drift_are_followed():
     stamps, readings = frames(4, detectors, count, np.array(truth))
     tracker, squares = Tracker(DRIFTING, constants=constants(detectors)), []
     for stamp, each, biases in zip(stamps, readings, truth, strict=True):
-        tracker.update(stamp, each.at[:5], NOISE, each)
-        mean, covariance, _ = tracker.expected(stamp)
-        off = mean - biases[:2]
-        squares.append(off @ np.linalg.solve(covariance, off))
-    # Two numbers; the oldest frames count as if what they saw had not moved.
-    assert 1 < np.mean(squares) < 4
+        found = np.array([*tracker.update(stamp, each.at[:5], SHARP, each).constants.values()])
+        squares.append(np.mean(np.square((found[:, 0] - biases[:2]) / found[:, 1])))
+    assert 0.3 < np.mean(squares) < 2
 
 
 def test_bare_poses_alone_become_the_track_and_readings_begin_it_anew():
@@ -193,49 +194,50 @@ def test_bare_poses_alone_become_the_track_and_readings_begin_it_anew():
 
 def test_the_distance_is_that_of_the_pose_that_the_readings_show():
     stamps, readings = frames(6, 9)
-    tracker = Tracker(STEADY, constants=constants(9))
+    tracker = Tracker(DRIFTING, constants=constants(9))
     fed(tracker, stamps[:-1], readings[:-1])
     track = tracker.update(stamps[-1], readings[-1].at[:5], 1e4 * NOISE, readings[-1])
-    biases, spread = biases_by_regression(readings[:-1], 9)
-    mean, given, slopes = motion_and_slopes(stamps[:-1], readings[:-1], biases)
-    transition, noise = motion((stamps[-1] - stamps[-2]) * 1e-9, STEADY)
+    mean, covariance = textbook(stamps[:-1], readings[:-1], 9)
+    step_s = (stamps[-1] - stamps[-2]) * 1e-9
+    transition, noise = motion(step_s, DRIFTING)
+    times = np.repeat([DRIFTING.constants_hold_s, 60.0, 10.0], [11, 2, 9])
+    kept = np.exp(-step_s / times)
+    prior = np.square([*STDS, *[GAIN_STD] * 9])
+    variances = [*prior * np.repeat([8 / 9, 1], [2, 9]), *prior * np.repeat([1 / 9, 1], [2, 9])]
+    transition = block_diag(transition, np.diag(kept))
+    noise = block_diag(noise, np.diag((1 - kept**2) * variances))
+    mean, covariance = transition @ mean, transition @ covariance @ transition.T + noise
     by_pose, by_biases, read, errors = by_state(readings[-1])
     # By least squares, with the biases as they were expected.
-    pose = np.linalg.lstsq(
-        whitened(errors, by_pose), whitened(errors, read - by_biases @ biases), rcond=None
-    )[0]
     weight = np.linalg.inv(errors)
     information = by_pose.T @ weight @ by_pose
-    by = -np.linalg.solve(information, by_pose.T @ weight @ by_biases)
-    by -= (transition @ slopes)[:5]
-    apart = by @ spread @ by.T + np.linalg.inv(information)
-    apart += (transition @ given @ transition.T + noise)[:5, :5]
-    off = pose - (transition @ mean)[:5]
+    fit = np.linalg.solve(information, by_pose.T @ weight)
+    by_all = np.hstack([by_pose, np.zeros((len(read), 5)), by_biases, by_biases])
+    off = fit @ (read - by_all @ mean)
+    apart = fit @ (by_all @ covariance @ by_all.T + errors) @ fit.T
     assert track.distance**2 == pytest.approx(off @ np.linalg.solve(apart, off), rel=1e-3)
 
 
 def test_what_is_learnt_outlives_the_track_and_fades_to_the_prior():
     stamps, readings = frames(7, 9)
     tracker = Tracker(DRIFTING, constants=constants(9))
-    np.testing.assert_array_equal(tracker.expected(START_NS)[0], 0.0)
-    np.testing.assert_allclose(tracker.expected(START_NS)[1], np.diag(np.square(STDS)), rtol=1e-12)
-    fed(tracker, stamps, readings)
-    mean, covariance, _ = tracker.expected(stamps[-1])
-    late = stamps[-1] + 90 * 10**9
-    kept = math.exp(-90 / HOLD_S)
-    expected = kept**2 * covariance + (1 - kept**2) * np.diag(np.square(STDS))
-    np.testing.assert_allclose(tracker.expected(late)[0], kept * mean, rtol=1e-9)
-    np.testing.assert_allclose(tracker.expected(late)[1], expected, rtol=1e-9)
-    # A new track starts with them: at a frame that says nothing, they are what they were.
+    track = fed(tracker, stamps, readings)
+    mean, covariance = textbook(stamps, readings, 9)
+    last = track.stamp_ns
+    # At a frame that says nothing they are what they were, also after a gap or a clock set back.
     blind = readings[0]._replace(variances=np.full(9, np.inf))
-    assert tracker.update(late, STATION, NOISE, blind).frames == 1
-    np.testing.assert_allclose(tracker.expected(late)[1], expected, rtol=1e-9)
-    # So do those that a gap or a clock that was set back begin.
-    gone = math.exp(-61 / HOLD_S) ** 2
-    faded = gone * expected + (1 - gone) * np.diag(np.square(STDS))
-    for stamp in (late + 61 * 10**9, START_NS):
-        assert tracker.update(stamp, STATION, NOISE).frames == 1
-        np.testing.assert_allclose(tracker.expected(stamp)[1], faded, rtol=1e-9)
+    for stamp, readings_then in ((last + 90 * 10**9, blind), (last + 160 * 10**9, None)):
+        track = tracker.update(stamp, STATION, NOISE, readings_then)
+        assert track.frames == 1
+        slow, fast = (math.exp(-(stamp - last) * 1e-9 / each) for each in (HOLD_S, 60.0))
+        for i, name in enumerate(NAMES):
+            of = [10 + i, 21 + i]
+            spread = np.outer([slow, fast], [slow, fast]) * covariance[np.ix_(of, of)]
+            spread += np.diag([(1 - slow**2) * 8 / 9, (1 - fast**2) / 9]) * STDS[i] ** 2
+            assert track.constants[name].mean == pytest.approx(mean[of] @ [slow, fast], rel=1e-6)
+            assert track.constants[name].std == pytest.approx(math.sqrt(spread.sum()), rel=1e-6)
+    known = track.constants
+    assert tracker.update(START_NS, STATION, NOISE).constants == known
 
 
 def test_late_frames_with_readings_give_exactly_the_track_of_frames_in_order():
@@ -276,16 +278,16 @@ def test_bad_readings_are_refused_and_leave_no_trace(part, value, message):
 
 
 def test_readings_that_cannot_be_linearised_on_the_way_are_taken_as_they_are():
-    stamps, readings = frames(5, 6, 3)
+    stamps, readings = frames(5, 9, 3)
     plain, asked = (
-        Tracker(DRIFTING, constants=constants(6)),
-        Tracker(DRIFTING, constants=constants(6)),
+        Tracker(DRIFTING, constants=constants(9)),
+        Tracker(DRIFTING, constants=constants(9)),
     )
     places = []
 
     def nowhere(at, of):
         places.append(at)
-        return of._replace(residuals=np.full(6, np.nan))
+        return of._replace(residuals=np.full(9, np.nan))
 
     for stamp, each in zip(stamps, readings, strict=True):
         near = functools.partial(nowhere, of=each)

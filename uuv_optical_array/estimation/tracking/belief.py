@@ -1,14 +1,15 @@
-"""What a track believes of pose and rate given the biases, and of the biases.
+"""What a track believes: one Gaussian of pose, rate and all that frames have in common, the biases.
 
-Biases are what frames have in common: offsets of the scene's unknown constants, gain errors of the
-detectors, and the errors by which shades move a pose. All are in standard deviations of their
-prior. Given the biases the errors of frames are white, and a Kalman filter of pose and rate needs
-beside its mean only how that follows each bias (B. Friedland, 1969, IEEE Trans. Automatic Control
-14, 359): whatever is learnt of the biases then moves the pose, and no frame is filtered again.
+These are the errors of the scene's unknown constants, in a slow part that holds for an hour and a
+fast one that holds for a minute, as water and lamps change; the gain errors of the detectors, and
+as large an error of each reading that holds for seconds: what beam, response and converter are not,
+seen from one place; errors by which shades move a pose; and the error of ranges from elsewhere. All
+are Ornstein-Uhlenbeck processes in standard deviations of their prior, to which they return where
+nothing is seen of them. So the errors of linear images are forgotten, too.
 
-The covariance given the biases is kept as a root: with any gain K a correction leaves the error
-``(I - K H) e - K v`` (P. Joseph's form; Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation
-with Applications to Tracking and Navigation*, 2001, ch. 5.2.5), and no variance rounds below 0.
+Frames of one place share the error of its linear images, and would teach the constants that error
+as often as there are frames. So a frame teaches the biases only from a new place, and corrects the
+pose for given uncertain biases otherwise (S. F. Schmidt, *Advances in Control Systems* 3, 1966).
 """
 
 import math
@@ -18,98 +19,106 @@ import numpy as np
 from scipy.linalg import lapack
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.numerics.linear_algebra import upper
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
-from uuv_optical_array.estimation.tracking.track import POSE
+from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS
+from uuv_optical_array.estimation.tracking.track import RangeUse
 from uuv_optical_array.estimation.unknowns.constants import Constants, drift
 
+STATE = 10  # pose and rate, before the biases
+# A share of the prior's standard deviation of constants changes within so long, s.
+FAST_SHARE, FAST_S = 1 / 3, 60.0
+PLACE_S = 10.0  # in which the errors of readings that depend on the place change
+ROUNDING = 1e-14  # of a variance, which a correction may lose
+MOST_BLOCKS = 7  # by a side of the array: the detectors of a block have one gain error, their mean
 
-class Biases(NamedTuple):
-    """Mean and covariance of the k biases, shapes ``(k,)`` and ``(k, k)``."""
+
+class Belief(NamedTuple):
+    """Pose, rate and k biases.
+
+    - mean, covariance: shapes ``(10 + k,)`` and ``(10 + k, 10 + k)``.
+    - taught: pose of the last frame that taught the biases, m and rad, shape ``(5,)``.
+    - range, ranged_ns: what was made of the last range; stamp of the last one that was used, ns.
+    """
+
+    mean: Array
+    covariance: Array
+    taught: Array | None = None
+    range: RangeUse | None = None
+    ranged_ns: int = LONG_AGO_NS
+
+
+class Learnt(NamedTuple):
+    """Mean and covariance of the errors of constants and gains, in stds of their prior."""
 
     mean: Array
     covariance: Array
 
 
-class Motion(NamedTuple):
-    """Pose and rate, given the biases.
-
-    - mean: at the biases' mean, shape ``(10,)``.
-    - root: upper triangular root of the covariance given the biases, shape ``(10, 10)``.
-    - slopes: of the mean by the biases, shape ``(10, k)``.
-    """
-
-    mean: Array
-    root: Array
-    slopes: Array
-
-    def covariance(self, biases: Biases) -> Array:
-        """Return the covariance, with what the biases add, shape ``(10, 10)``."""
-        by_biases = self.slopes @ biases.covariance @ self.slopes.T
-        return self.root @ self.root.T + (by_biases + by_biases.T) / 2
-
-
-class Observation(NamedTuple):
-    """What a frame says of its pose: five numbers with white noise of variance 1.
-
-    - innovation: the numbers less what was expected, shape ``(5,)``.
-    - by_pose, by_biases: their slopes, shapes ``(5, 5)`` and ``(5, k)``.
-    """
-
-    innovation: Array
-    by_pose: Array
-    by_biases: Array
-
-
 class BiasSpace:
     """Which bias is what, and how biases drift.
 
-    - hold_s: time in which constants and gains drift to new values, s.
-    - constants, gains, shades: places of the biases.
-    - learnt: how many of the first there are that readings teach: constants and gains.
-    - stds: what one is of each, in its own unit, shape ``(k,)``.
+    - constants, gains: places of the errors among those that are learnt, `learnt` in all.
+    - stds: what one is of each, in its own unit, shape ``(learnt,)``.
+    - shades, range: places of the biases among all, `size` in all.
+    - parts: the errors by the biases, shape ``(learnt, size)``.
+    - blocks: gain errors of detectors by those that are learnt, shape ``(detectors, blocks)``.
     """
 
     def __init__(self, constants: Constants, hold_s: float) -> None:
-        c, gains = constants, constants.detectors if constants.gain_std > 0 else 0
+        c, q = constants, len(constants.names)
+        self.blocks = _blocks(round(c.detectors**0.5)) if c.gain_std > 0 else np.zeros((0, 0))
+        gains, gain_stds = self.blocks.shape[1], c.gain_std / np.sqrt(self.blocks.sum(axis=0))
+        self.constants, self.gains = slice(0, q), slice(q, q + gains)
+        self.learnt = n = q + gains
+        self.stds = np.array([*c.stds, *gain_stds])
         shades = 5 if c.unclear_lasts_s > 0 else 0
-        self.constants = slice(0, len(c.names))
-        self.gains = slice(self.constants.stop, self.constants.stop + gains)
-        self.learnt = self.gains.stop
-        self.shades = slice(self.learnt, self.learnt + shades)
-        self.stds = np.array([*c.stds, *[c.gain_std] * gains, *[1.0] * shades])
-        self._by_gains = c.gain_std * c.by_detector if gains else np.zeros((1, 0))
+        self.shades, self.range = slice(2 * n, 2 * n + shades), 2 * n + shades
+        self.size = self.range + 1
+        lasting = np.repeat([math.sqrt(1 - FAST_SHARE**2), 1.0], [q, gains])
+        passing = np.repeat([FAST_SHARE, 1.0], [q, gains])
+        self.parts = np.hstack([np.diag(lasting), np.diag(passing), np.zeros((n, shades + 1))])
+        self.by_offsets = self.stds[:q, None] * self.parts[:q]
+        by_block = np.tile(self.blocks * gain_stds, (c.lamps, 1))
+        self._by_gains = by_block if gains else np.zeros((1, 0))
         self._shade_rest = c.shade_rest
-        self._hold_s = np.array([hold_s] * self.learnt + [c.unclear_lasts_s] * shades)
+        times = [hold_s, FAST_S, PLACE_S, c.unclear_lasts_s, hold_s]
+        self._hold_s = np.repeat(times, [n, q, gains, shades, 1])
 
-    def prior(self) -> Biases:
-        """Return the biases before any frame."""
-        return Biases(np.zeros(len(self.stds)), np.eye(len(self.stds)))
+    def begun(self, mean: Array, covariance: Array) -> Belief:
+        """Return a belief of this pose and rate and of biases as the prior has them."""
+        whole = np.eye(STATE + self.size)
+        whole[:STATE, :STATE] = covariance
+        return Belief(np.concatenate([mean, np.zeros(self.size)]), whole)
 
-    def drifted(self, biases: Biases, step_s: float) -> Biases:
-        """Let the biases, or the first of them, drift for a time, s."""
-        kept = drift(self._hold_s[: len(biases.mean)], step_s)
-        covariance = kept[:, None] * kept * biases.covariance
+    def drifted(self, belief: Belief, step_s: float) -> Belief:
+        """Let the biases drift for a time, s."""
+        kept = np.ones(len(belief.mean))
+        kept[STATE:] = drift(self._hold_s, step_s)
+        covariance = kept[:, None] * kept * belief.covariance
         covariance.flat[:: len(kept) + 1] += 1 - kept**2
-        return Biases(kept * biases.mean, covariance)
+        return belief._replace(mean=kept * belief.mean, covariance=covariance)
 
-    def shades_drifted(self, motion: Motion, step_s: float) -> Motion:
-        """Return a copy in which what old shades did is an error of its own, as others come."""
-        kept = drift(self._hold_s[self.shades], step_s)
-        slopes, old = motion.slopes.copy(), motion.slopes[:, self.shades]
-        slopes[:, self.shades] = old * kept
-        root = np.hstack([motion.root, old * np.sqrt(1 - kept**2)])
-        return Motion(motion.mean.copy(), root, slopes)
+    def forgotten(self, belief: Belief) -> Belief:
+        """Return a belief of constants and ranges as the prior has them; the rest is kept."""
+        mean, covariance = belief.mean.copy(), belief.covariance.copy()
+        of = STATE + np.append(np.flatnonzero(self.parts[self.constants].any(axis=0)), self.range)
+        mean[of] = covariance[of] = covariance[:, of] = 0.0
+        covariance[of, of] = 1.0
+        return belief._replace(mean=mean, covariance=covariance)
 
-    def replaced(self, biases: Biases, learnt: Biases) -> Biases:
-        """Return biases with what was learnt of them; shades are not learnt."""
-        mean, covariance, of = biases.mean.copy(), biases.covariance.copy(), slice(self.learnt)
-        mean[of], covariance[of, of] = learnt
-        return Biases(mean, covariance)
+    def errors(self, belief: Belief) -> Learnt:
+        """Return what is known of constants and gains."""
+        parts = self.parts
+        return Learnt(
+            parts @ belief.mean[STATE:], parts @ belief.covariance[STATE:, STATE:] @ parts.T
+        )
 
-    def offsets(self, biases: Array) -> Array:
-        """Return the constants' offsets in their own units, shape ``(q,)``."""
-        return biases[self.constants] * self.stds[self.constants]
+    def offsets(self, belief: Belief) -> Array:
+        """Return the constants' offsets in their own units, shape ``(q,)``.
+
+        Their slopes by the biases are `by_offsets`, shape ``(q, size)``.
+        """
+        return self.by_offsets @ belief.mean[STATE:]
 
     def whitened(self, readings: LinearisedReadings, slopes: Array) -> tuple[Array, Array, Array]:
         """Return readings in units of their noise, of one frame or of many.
@@ -135,45 +144,50 @@ class BiasSpace:
         return residuals[..., 0], by_pose, by_learnt
 
 
-def triangular(root: Array) -> Array:
-    """Return the upper triangular root of the same covariance, shape ``(d, d)``."""
-    size, columns = root.shape
-    if columns < size:
-        root = np.concatenate([np.zeros((size, size - columns)), root], axis=1)
-    # Rows in reverse order, as LAPACK is faster by columns.
-    factor, *_ = lapack.dgeqrf(root[::-1].T)
-    return np.asarray(upper(factor[:size]).T[::-1, ::-1])
+def _blocks(side: int) -> Array:
+    """Return which detectors are in which block, shape ``(side^2, blocks)``."""
+    per_side = min(side, MOST_BLOCKS)
+    of = np.eye(per_side)[np.arange(side) * per_side // side]
+    return np.kron(of, of)
 
 
-def weigh(motion: Motion, biases: Biases, observation: Observation) -> tuple[float, float]:
+class Observation(NamedTuple):
+    """Numbers with white noise of variance 1: less what was expected, ``(n,)``, and their slopes.
+
+    - slopes: by pose, rate and biases, shape ``(n, 10 + k)``.
+    """
+
+    innovation: Array
+    slopes: Array
+
+
+def weigh(covariance: Array, observation: Observation) -> tuple[float, float]:
     """Return how far an observation is from what was expected, and how improbable it is.
 
-    - returned distance: Mahalanobis distance of the innovation, chi with five degrees of freedom.
+    - returned distance: Mahalanobis distance of the innovation.
     - returned cost: twice the negative log-likelihood of the innovation, but for a constant.
     """
-    innovation, by_pose, by_biases = observation
-    by_root, by_biases = by_pose @ motion.root[POSE], by_pose @ motion.slopes[POSE] + by_biases
-    spread = np.eye(5) + by_root @ by_root.T + by_biases @ biases.covariance @ by_biases.T
+    innovation, slopes = observation
+    spread = slopes @ covariance @ slopes.T
+    spread.flat[:: len(spread) + 1] += 1.0
     root = lapack.dpotrf(spread, lower=1)[0]
     white, _ = lapack.dtrtrs(root, innovation, lower=1)
-    distance = math.sqrt(white @ white)
-    return distance, distance**2 + 2 * float(np.log(root.diagonal()).sum())
+    square = float(white @ white)
+    return math.sqrt(square), square + 2 * float(np.log(root.diagonal()).sum())
 
 
-def correct(motion: Motion, observation: Observation, considered: Array | None = None) -> Motion:
-    """Return pose and rate corrected by an observation.
-
-    - considered: covariance of the biases, shape ``(k, k)``, where the observation does not teach
-      them, so that what they add to its errors lowers the gain (S. F. Schmidt, *Advances in Control
-      Systems* 3, 1966, 293); ``None``: the gain is that of biases that are given.
-    """
-    mean, root, slopes = motion
-    innovation, by_pose, by_biases = observation
-    by_root, by_biases = by_pose @ root[POSE], by_pose @ slopes[POSE] + by_biases
-    cross, spread = root @ by_root.T, np.eye(5) + by_root @ by_root.T
-    if considered is not None:
-        both = considered @ by_biases.T
-        cross, spread = cross + slopes @ both, spread + by_biases @ both
-    gain = np.asarray(lapack.dposv(spread, cross.T)[1]).T
-    root = triangular(np.hstack([root - gain @ by_root, gain]))
-    return Motion(mean + gain @ innovation, root, slopes - gain @ by_biases)
+def correct(belief: Belief, observation: Observation, teach: bool = True) -> Belief:
+    """Return a belief corrected by an observation, which teaches the biases or not."""
+    mean, covariance = belief.mean, belief.covariance
+    innovation, slopes = observation
+    cross = covariance @ slopes.T
+    spread = slopes @ cross
+    spread.flat[:: len(spread) + 1] += 1.0
+    root = lapack.dpotrf(spread, lower=1)[0]
+    white = lapack.dtrtrs(root, np.column_stack([innovation, cross.T]), lower=1)[0]
+    shift, less = white[:, 0] @ white[:, 1:], white[:, 1:].T @ white[:, 1:]
+    if not teach:  # the gain of the biases is 0: theirs is what pose and rate do not correct
+        shift[STATE:] = less[STATE:, STATE:] = 0.0
+    corrected = covariance - less
+    corrected.flat[:: len(mean) + 1] += ROUNDING * covariance.diagonal()
+    return belief._replace(mean=mean + shift, covariance=(corrected + corrected.T) / 2)

@@ -12,7 +12,7 @@ from uuv_optical_array.estimation.information.linearised import LinearisedReadin
 from uuv_optical_array.estimation.unknowns.constants import Constants
 
 # What is beyond any sea but not beyond double precision, m and rad.
-MAX_POSE, MIN_VARIANCE, MAX_VARIANCE, MAX_CONDITION = 1e6, 1e-24, 1e8, 1e13
+MAX_POSE, MIN_VARIANCE, MAX_VARIANCE, MAX_CONDITION = 1e6, 1e-12, 1e8, 1e10
 
 Relinearise = Callable[[Array], LinearisedReadings]
 

@@ -24,7 +24,7 @@ from scipy.special import chdtrc
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
-from uuv_optical_array.estimation.tracking.belief import Biases, BiasSpace
+from uuv_optical_array.estimation.tracking.belief import BiasSpace, Learnt
 from uuv_optical_array.estimation.tracking.change import Changes
 from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS
 from uuv_optical_array.estimation.unknowns.constants import Constants
@@ -33,11 +33,8 @@ from uuv_optical_array.forward.prior import DAYLIGHT, OWN_POWER, POWER, shade_mo
 MOST_TESTED = 49  # detectors
 # Frames of a window are tested together with those of the one before, so often.
 WINDOW_S, CHECK_S = 30.0, 2.0
-# What was learnt is forgotten when a mismatch is found, but no sooner after the last time.
-FORGET_S = 3.0
 EVENNESS, MOST_UNEVEN = "the evenness of the light", 0.6
 MOSTLY_UNEVEN = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s, or since the first"
-LEARNT_OFF = "what was learnt of the scene is off: its prior fits images that this does not"
 # Of the frames since the first, where these are of LEAST_S or more: a cloud comes after clear ones.
 MOST_OF_ALL, LEAST_S = 0.75, 3.0
 LEAST = 1 - math.exp(-LEAST_S / WINDOW_S)  # the same, as a share of the window
@@ -57,7 +54,6 @@ class LastingResiduals:
     - changes: tell what changed at once, where that is why what is found; None: nothing does.
     - mismatch: what would explain the frames best; empty while the scene does.
     - said: the same, or of what was learnt, as it was said last.
-    - found: whether frames since the last `begin_anew` showed it.
     """
 
     def __init__(self, constants: Constants, changes: Changes | None = None) -> None:
@@ -65,9 +61,7 @@ class LastingResiduals:
         self._clear = not constants.names_shades
         self._tests = self._clear and 0 < side**2 == constants.detectors <= MOST_TESTED
         self.mismatch = self.said = ""
-        self.found = False
         self._changes, self._change = changes, ""
-        self._anew_ns: list[int] = []  # when all frames were forgotten, of late
         self._by_detector = constants.by_detector
         # Time with frames, of it with uneven ones, as shares of the window; stamp of the last one.
         self._lit, self._uneven, self._light_ns = 0.0, 0.0, 0
@@ -101,9 +95,10 @@ class LastingResiduals:
         self._odds = np.where(lamps, 1.0, each)
         self._begin(LONG_AGO_NS)
 
-    def beyond_prior(self, biases: Biases, space: BiasSpace) -> str:
+    def beyond_prior(self, biases: Learnt, space: BiasSpace) -> str:
         """Return what is learnt to be as the prior hardly allows, of constants, or with gains."""
-        tested = {space.constants.stop, space.learnt} if self._clear else set()
+        tested = {space.constants.stop, space.learnt} if self._tests else {space.constants.stop}
+        tested = tested if self._clear else set()
         for of in filter(None, tested):
             mean, spread = biases.mean[:of], np.eye(of) - biases.covariance[:of, :of]
             known = spread + LEAST_LEARNT * np.eye(of)  # what says nothing of a bias is no test
@@ -117,7 +112,7 @@ class LastingResiduals:
 
     def _off(self, error: int, size: float, chance: float) -> str:
         """Return what changed at once, where that is as certain, or else that an error is off."""
-        if not self.found:  # once for each alarm
+        if not self.said:  # once for each alarm
             self._change = self._changed()
         if self._change:
             return f"{self._change} (chance {chance:.0e})"
@@ -132,32 +127,10 @@ class LastingResiduals:
         size = best.size * self._units[best.error]
         return f"{self._names[best.error]} changed by {size:+.2g}"
 
-    def say(self, biases: Biases, space: BiasSpace) -> str:
+    def say(self, biases: Learnt, space: BiasSpace) -> str:
         """Return what would explain the frames best, or what they taught."""
-        beyond = self.beyond_prior(biases, space)
-        self.found |= bool(beyond)
-        self.said = self.mismatch or beyond
+        self.said = self.mismatch or self.beyond_prior(biases, space)
         return self.said
-
-    def misled(self, stamp_ns: int) -> bool:
-        """Say whether what was learnt by a stamp, ns, is to be forgotten."""
-        last_ns = self._anew_ns[-1] if self._anew_ns else LONG_AGO_NS
-        return self.found and not 0 <= stamp_ns - last_ns < FORGET_S * 1e9
-
-    def repeats(self, stamp_ns: int) -> int:
-        """Return how often a mismatch was found in the last window, at least once."""
-        return max(len(self._of_late(stamp_ns)), 1)
-
-    def _of_late(self, stamp_ns: int) -> list[int]:
-        return [each for each in self._anew_ns if 0 <= stamp_ns - each < WINDOW_S * 1e9]
-
-    def begin_anew(self, stamp_ns: int, mismatch: str) -> None:
-        """Forget all frames; a mismatch is said until those of a whole window show none."""
-        self.said, self.found = mismatch, False
-        self._anew_ns = [*self._of_late(stamp_ns), stamp_ns]
-        if self._tests:
-            self.mismatch = mismatch
-            self._begin(LONG_AGO_NS)
 
     def _begin(self, stamp_ns: int, after_ns: int = 0) -> None:
         """Begin a window, so long after the start of the last one, if that still counts."""
@@ -196,7 +169,7 @@ class LastingResiduals:
         self._score += rest.T @ left
         if stamp_ns - self._checked_ns >= CHECK_S * 1e9:
             self._checked_ns = stamp_ns
-            self._check(stamp_ns - self._start_ns > (WINDOW_S - CHECK_S) * 1e9)
+            self._check(stamp_ns, stamp_ns - self._start_ns > (WINDOW_S - CHECK_S) * 1e9)
 
     def add_light(self, stamp_ns: int, uneven: bool) -> None:
         """Take whether a frame of the track is lit unevenly, as in a scene few are."""
@@ -209,7 +182,7 @@ class LastingResiduals:
         elif self.mismatch == MOSTLY_UNEVEN:
             self.mismatch = ""
 
-    def _check(self, last: bool) -> None:
+    def _check(self, stamp_ns: int, last: bool) -> None:
         """Test what was summed; what was found stays until the last test of a window clears it."""
         information, score = self._before[0] + self._information, self._before[1] + self._score
         spread = information + information @ self._prior @ information
@@ -225,6 +198,7 @@ class LastingResiduals:
         best = int(scores.argmax())
         chance = min(chdtrc(len(white), white @ white), len(scores) * chdtrc(1, scores[best]))
         if chance < CHANCE:
-            self.found, self.mismatch = True, self._off(best, sizes[best], chance)
+            self.mismatch = self._off(best, sizes[best], chance)
+            self._begin(stamp_ns)  # so that it ends a window after what it tells
         elif last:
             self.mismatch = ""

@@ -2,14 +2,11 @@
 
 The range is the distance between the lamp and the follower's ``base_link``: the length of the
 pose's position. Of images alone it is uncertain by what their constants leave, such as the power of
-the lamp. A range corrects pose and rate given the biases, and what it then still differs by teaches
-the biases (B. Friedland, 1969, IEEE Trans. Automatic Control 14, 359), so that the frames that
-follow, and single images, know their range as well.
+the lamp, which ranges teach.
 
-Ranges may share their error, such as that of a delay or of the speed of sound, which no number of
-them averages out. So a range takes the place of older ones instead of adding to them: all that came
-within `ALIKE_S` count as one. Where the biases change, what older ones taught is thus forgotten,
-and so it is where a false range that passed the gate lets right ones fail it.
+Ranges share errors, such as that of a delay or of the speed of sound, which no number of them
+averages out: half of their variance is one error of all (a bias of `belief`). The rest is alike in
+ranges that follow each other closely, and a range counts by the time since the last one.
 """
 
 import math
@@ -19,16 +16,21 @@ from typing import NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.tracking.belief import BiasSpace, Motion, triangular
-from uuv_optical_array.estimation.tracking.correction import Belief
-from uuv_optical_array.estimation.tracking.keyframes import BiasFit, Keyframes
+from uuv_optical_array.estimation.tracking.belief import (
+    STATE,
+    Belief,
+    BiasSpace,
+    Observation,
+    correct,
+)
 from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import RangeUse, StampRefused
 
 LEAST_M, MAX_RANGE_M, MAX_STD_M = 1e-3, 1e4, 1e3
 MOST_REFUSED = 5  # in a row, until what older ones taught is forgotten
-ALIKE_S = 10.0  # errors of ranges that are closer in time are taken for one
+COMMON = 0.5  # of a range's variance
+ALIKE_S = 10.0  # ranges within that count as one
 MOST_BEFORE_NS = 500_000_000  # of its frame; the motion in between is that at the frame
 
 
@@ -100,8 +102,8 @@ def _stamp(measured: Range) -> int:
 class Ranging:
     """Corrects beliefs by ranges, of which the gate lets so many standard deviations pass."""
 
-    def __init__(self, space: BiasSpace, fit: BiasFit, gate: float) -> None:
-        self._space, self._fit, self._gate = space, fit, gate
+    def __init__(self, space: BiasSpace, gate: float) -> None:
+        self._space, self._gate = space, gate
 
     def correct(
         self, belief: Belief, measured: Range, stamp_ns: int, own_way: Array, common: Array
@@ -111,52 +113,24 @@ class Ranging:
         - own_way: of the follower since then by its commands, in ``beacon``, m, shape ``(3,)``.
         - common: covariance of errors of the position beside those of the belief, ``(3, 3)``.
         """
-        motion, biases, keyframes, *_ = belief
         ago_s = (stamp_ns - measured.stamp_ns) * 1e-9
-        place = motion.mean[:3] - ago_s * motion.mean[5:8] - own_way
+        place = belief.mean[:3] - ago_s * belief.mean[5:8] - own_way
         expected = float(np.linalg.norm(place))
         along = place / max(expected, LEAST_M)
-        by_state = np.concatenate([along, np.zeros(2), -ago_s * along, np.zeros(2)])
-        by_root, by_biases = by_state @ motion.root, by_state @ motion.slopes
-        others = float(along @ common @ along)
-        known = by_root @ by_root + by_biases @ biases.covariance @ by_biases + others
-        off, std = measured.range_m - expected, math.sqrt(known + measured.std_m**2)
+        slopes = np.zeros(len(belief.mean))
+        slopes[:3], slopes[5:8] = along, -ago_s * along
+        slopes[STATE + self._space.range] = math.sqrt(COMMON) * measured.std_m
+        bias = slopes[STATE + self._space.range] * belief.mean[STATE + self._space.range]
+        off = measured.range_m - expected - bias
+        others, own = float(along @ common @ along), (1 - COMMON) * measured.std_m**2
+        std = math.sqrt(slopes @ belief.covariance @ slopes + others + own)
+        since_s = abs(measured.stamp_ns - belief.ranged_ns) * 1e-9  # clocks are set back, too
+        noise = others + own / max(-math.expm1(-since_s / ALIKE_S), 1e-9)
         use = RangeUse(measured.stamp_ns, off, std, 0)
         if abs(off) > self._gate * std:
-            return self._refused(belief, use, stamp_ns)
-        since_s = abs(measured.stamp_ns - keyframes.ranged_ns) * 1e-9  # clocks are set back, too
-        new = max(-math.expm1(-since_s / ALIKE_S), 1e-9)  # as a share of a range
-        noise = measured.std_m**2 / new + others
-        # Shades are not learnt: what they may add to the error of the pose lowers the gain.
-        shades, learnt = self._space.shades, slice(self._space.learnt)
-        both = biases.covariance[shades, shades] @ by_biases[shades]
-        spread = by_root @ by_root + by_biases[shades] @ both + noise
-        gain = (motion.root @ by_root + motion.slopes[:, shades] @ both) / spread
-        left = motion.root - np.outer(gain, by_root)
-        root = triangular(np.hstack([left, math.sqrt(noise) * gain[:, None]]))
-        mean, slopes = motion.mean + gain * off, motion.slopes - np.outer(gain, by_biases)
-        by_learnt, at = by_biases[learnt], biases.mean[learnt]
-        says = np.array([off + by_learnt @ at, *by_learnt]) / math.sqrt(spread)
-        keyframes = keyframes.ranged(measured.stamp_ns, says, 1 - new)
-        corrected = belief._replace(motion=Motion(mean, root, slopes), range=use)
-        return self._taught(corrected, keyframes, stamp_ns)
-
-    def _refused(self, belief: Belief, use: RangeUse, stamp_ns: int) -> Belief:
-        """Return a belief that a range contradicts; after some, older ranges may be wrong."""
-        refused = 1 if belief.range is None else 1 + belief.range.refused
-        belief = belief._replace(range=use._replace(refused=refused))
-        if refused % MOST_REFUSED:
-            return belief
-        forgotten = self._fit.prior()
-        keyframes = belief.keyframes._replace(ranges=forgotten.ranges, ranged_ns=LONG_AGO_NS)
-        return self._taught(belief, keyframes, stamp_ns)
-
-    def _taught(self, belief: Belief, keyframes: Keyframes, stamp_ns: int) -> Belief:
-        """Return a belief with the biases that keyframes and ranges teach at a stamp."""
-        motion, biases = belief.motion, belief.biases
-        if self._space.learnt:
-            keyframes, found = self._fit.solved(keyframes, stamp_ns)
-            biases = self._space.replaced(biases, found)
-            mean = motion.mean + motion.slopes @ (biases.mean - belief.biases.mean)
-            motion = motion._replace(mean=mean)
-        return belief._replace(motion=motion, biases=biases, keyframes=keyframes)
+            refused = 1 if belief.range is None else 1 + belief.range.refused
+            if refused % MOST_REFUSED == 0:  # those before may be what is wrong
+                belief = self._space.forgotten(belief)
+            return belief._replace(range=use._replace(refused=refused))
+        said = Observation(np.array([off]) / math.sqrt(noise), slopes[None] / math.sqrt(noise))
+        return correct(belief, said)._replace(range=use, ranged_ns=measured.stamp_ns)

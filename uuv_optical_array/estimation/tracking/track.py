@@ -77,7 +77,7 @@ class Track:
         Whether the follower's commands are known at that instant, or contradicted by the images.
     mismatch
         What would explain best that the frames of the last half minute are not of the scene; empty
-        where they may be. The covariance is then wider by that of single images.
+        where they may be.
     turn
         Covariance of the roll with the pose, and its variance, ``(6,)``; ``None`` by one lamp.
     range

@@ -2,23 +2,22 @@
 
 With the follower's commands the pose moves by them and by the rate, which is then the leader's;
 without, the rate is that of the whole relative motion (`motion`). Where commands begin or end, it
-starts from its prior. Pose and rate are filtered for given biases, learnt beside them (`belief`).
+starts from its prior. What all frames have in common is a part of the state (`belief`).
 
 A frame comes as a pose with its covariance, or with its readings, linearised (`correction`).
 
 - Of a pose alone, only the white part of the errors averages out. All frames share the error
-  ``common_share``, such as the bias of a grid, or more where images are not linear, and what
-  unknown constants do to the range, given how bright the image is. The errors of a shaded frame
-  vary as slowly as the shade. A bare pose teaches none of these biases, so the track follows the
-  motion and its covariance stays large enough.
+  ``common_share``, such as the bias of a grid, or more where images are not linear or constants are
+  unknown. The errors of a shaded frame vary as slowly as the shade.
 - Bare poses say only roughly what they share of the constants' errors: a track that began with
   readings takes them only of shaded frames, and otherwise goes on for a while without; one of poses
   begins anew with the first readings.
-- Readings also teach the constants and the detectors' gains, while the vehicles move (`keyframes`).
+- Readings also teach the constants and the detectors' gains, while the vehicles move.
 - A range from elsewhere corrects what a frame says (`ranges`).
 
-The rate changes at random, and now and then at once: a frame that the usual motion hardly explains
-is weighed as the first after a manoeuvre, by its likelihood and the manoeuvre's prior probability
+The rate changes at random, and rate or constants now and then at once: a frame that the usual
+motion hardly explains is weighed as the first after a manoeuvre, or after a jump that makes the
+constants the prior's again, by its likelihood and the prior probability of either
 (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation with Applications to Tracking and
 Navigation*, 2001, ch. 11). Where commands explain it in neither way, the follower does not obey
 them. A frame beyond the gate is an outlier; outliers that agree with each other become the track,
@@ -33,16 +32,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag
 from scipy.special import chdtri
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
-from uuv_optical_array.estimation.tracking.belief import Biases, BiasSpace, Motion, triangular
+from uuv_optical_array.estimation.tracking.belief import STATE, Belief, BiasSpace
 from uuv_optical_array.estimation.tracking.change import SPAN_NS, Changes
 from uuv_optical_array.estimation.tracking.correction import (
-    Belief,
     Corrected,
     Correction,
     Deferred,
@@ -54,7 +51,7 @@ from uuv_optical_array.estimation.tracking.measurement import (
     checked_pose,
     checked_readings,
 )
-from uuv_optical_array.estimation.tracking.mismatch import LEARNT_OFF, LastingResiduals
+from uuv_optical_array.estimation.tracking.mismatch import LastingResiduals
 from uuv_optical_array.estimation.tracking.motion import (
     LONG_AGO_NS,
     OwnMotion,
@@ -80,6 +77,9 @@ POSE_STD = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of an unkno
 # A manoeuvre changes the rate by so much from one frame to the next, m/s and rad/s, in one frame of
 # a hundred; its cost is twice the negative logarithm of that.
 MANOEUVRE_STD, MANOEUVRE_COST = np.array([0.2, 0.2, 0.2, 0.3, 0.3]), 2 * math.log(100)
+# Constants jump in one frame of 10,000, as where a lamp is switched down.
+USUAL, MANOEUVRE, JUMP = range(3)
+COSTS = 0.0, MANOEUVRE_COST, 2 * math.log(1e4)
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Tracker:
         self._residuals = LastingResiduals(c, self._changes)
         self._correction = Correction(self._space, c, s, self._gate)
         range_gate = math.sqrt(chdtri(1, 1 - s.gate_probability))
-        self._ranging = Ranging(self._space, self._correction.fit, range_gate)
+        self._ranging = Ranging(self._space, range_gate)
 
     def command(self, stamp_ns: int, twist: ArrayLike) -> None:
         """Take the follower's own motion, which carries the pose on until the next command.
@@ -168,8 +168,6 @@ class Tracker:
         - StampRefused: for a frame older than the buffer, or a stamp that is in it.
         - ValueError: for a pose, covariance or readings of wrong shape or out of bounds.
         """
-        if self._residuals.misled(stamp_ns):
-            self.forget(stamp_ns, self._residuals.said)
         s, history, previous = self._settings, self._history, self._previous
         if readings is not None:
             readings = checked_readings(readings, self._constants)
@@ -220,10 +218,12 @@ class Tracker:
         if not self._history:
             raise NoPose("no track: there is no frame yet")
         newest = self._history[-1][1]
-        stamp_ns, (motion, biases, _, ranged) = newest.frame.stamp_ns, newest.corrected()
-        mean, joint, names = motion.mean, motion.covariance(biases), self._constants.names
-        offsets, spread = self._offsets(biases)
-        learnt = map(Learnt, offsets.tolist(), np.sqrt(spread.diagonal()).tolist())
+        stamp_ns, belief = newest.frame.stamp_ns, newest.corrected()
+        mean, joint = belief.mean[:STATE], belief.covariance[:STATE, :STATE].copy()
+        errors, stds = self._space.errors(belief), self._space.stds
+        offsets = self._space.offsets(belief)
+        known = stds * np.sqrt(errors.covariance.diagonal())
+        learnt = map(Learnt, offsets.tolist(), known.tolist())
         own_motion = self._own_motion_at(stamp_ns, newest)
         own = self._own_motion.twist(stamp_ns) if own_motion == "told" else np.zeros(5)
         if newest.frame.readings is None:
@@ -241,11 +241,7 @@ class Tracker:
             near = newest.frame.relinearise(np.concatenate([mean[POSE], offsets]))
             with suppress(ValueError):  # not finite there
                 self._residuals.add(stamp_ns, checked_readings(near, self._constants))
-        mismatch = self._residuals.say(biases, self._space)
-        if mismatch and newest.frame.readings is not None:
-            # It knows what one image knows, and less where the prior does not fit for long.
-            one_image = newest.frame.root @ newest.frame.root.T
-            joint[POSE, POSE] += self._residuals.repeats(stamp_ns) * one_image
+        mismatch = self._residuals.say(errors, self._space)
         return Track(
             stamp_ns,
             mean[POSE].copy(),
@@ -253,59 +249,36 @@ class Tracker:
             joint,
             newest.frames,
             newest.distance,
-            dict(zip(names, learnt, strict=True)),
-            (self._space.stds * biases.mean)[self._space.gains],
+            dict(zip(self._constants.names, learnt, strict=False)),
+            self._space.blocks @ (stds * errors.mean)[self._space.gains],
             own_motion,
             mismatch,
-            self._turn(motion, biases),
-            ranged,
+            self._turn(belief),
+            belief.range,
         )
-
-    def lost(self, stamp_ns: int) -> bool:
-        """Say whether a track that learnt constants has taken no frame for too long at a stamp."""
-        if not (self._history and self._constants.names):
-            return False
-        return stamp_ns - self._history[-1][1].taken_ns > self._reset_ns
-
-    def forget(self, stamp_ns: int, mismatch: str = LEARNT_OFF) -> None:
-        """Begin anew with the next frame, of this stamp, ns, and nothing learnt.
-
-        A mismatch is said until the new frames show none, as what they teach may be wrong again.
-        """
-        self._history, self._previous = [], None
-        self._residuals.begin_anew(stamp_ns, mismatch)
 
     def expected(self, stamp_ns: int) -> Expected:
         """Return what is known of a frame before its image: the prior of its fit.
 
-        Constants and light have drifted until its stamp, ns, since the newest frame of the track.
-        While a mismatch is said, nothing that was learnt counts. Offsets are in the order of the
-        constants' names; their covariance is positive definite.
+        Of the constants that is what the scene says: what was learnt may no longer hold, and poses
+        of single images are not to err as the track does. Of the light it is how likely it still is
+        as uneven at the stamp, ns, as it was in the newest frame of the track.
         """
         state = self._history[-1][1] if self._history else self._previous
-        usual, lasts_s = self._constants.uneven, self._constants.unclear_lasts_s
-        if state is None:
-            return Expected(*self._offsets(self._space.prior()), usual)
-        step_s = (stamp_ns - state.frame.stamp_ns) * 1e-9
-        decay = float(drift(lasts_s, step_s)) if usual else 0.0
-        uneven = usual + decay * (state.frame.shaded - usual)
-        biases = self._space.drifted(state.corrected().biases, step_s)
-        if self._residuals.said:
-            biases = self._space.prior()
-        return Expected(*self._offsets(biases), uneven)
+        c, state = self._constants, self._history[-1][1] if self._history else self._previous
+        mean, covariance, usual = np.zeros(len(c.names)), np.diag(np.square(c.stds)), c.uneven
+        if state is None or not usual:
+            return Expected(mean, covariance, usual)
+        decay = float(drift(c.unclear_lasts_s, (stamp_ns - state.frame.stamp_ns) * 1e-9))
+        return Expected(mean, covariance, usual + decay * (state.frame.shaded - usual))
 
-    def _offsets(self, biases: Biases) -> tuple[Array, Array]:
-        """Return mean and covariance of the constants' offsets, in their own units."""
-        of, stds = self._space.constants, np.array(self._constants.stds)
-        return self._space.offsets(biases.mean), np.outer(stds, stds) * biases.covariance[of, of]
-
-    def _turn(self, motion: Motion, biases: Biases) -> Array | None:
+    def _turn(self, belief: Belief) -> Array | None:
         """Return the roll's covariance with the pose, and its variance, ``(6,)``, if it is one."""
         if ROLL not in self._constants.names:
             return None
-        roll = self._constants.names.index(ROLL)
-        column = self._constants.stds[roll] * biases.covariance[:, roll]
-        return np.array([*motion.slopes[POSE] @ column, self._constants.stds[roll] * column[roll]])
+        by_roll = self._space.by_offsets[self._constants.names.index(ROLL)]
+        column = belief.covariance[:, STATE:] @ by_roll
+        return np.array([*column[POSE], by_roll @ column[STATE:]])
 
     def _replay(
         self, history: list[_Entry], place: int, previous: _State | None, *frames: Measurement
@@ -339,7 +312,7 @@ class Tracker:
                 own: Array = np.zeros(5)
                 if state.own_motion == "told":
                     own = self._own_motion.displacement(each.stamp_ns, frame.stamp_ns)
-                way = in_beacon(belief.motion.mean[POSE], own)[:3]
+                way = in_beacon(belief.mean[POSE], own)[:3]
                 belief = self._ranging.correct(belief, each, frame.stamp_ns, way, common)
             return belief
 
@@ -349,7 +322,7 @@ class Tracker:
         """Return the state after a frame: in the track, in its rival, or in a new one."""
         if frame.stamp_ns - state.taken_ns > self._reset_ns:
             return self._start(frame, state)
-        fused = self._fused(state, frame, manoeuvres=(False, True))
+        fused = self._fused(state, frame, changes=(USUAL, MANOEUVRE, JUMP))
         if fused.distance <= self._gate:
             # Poses say only roughly what they share of the constants' errors: readings begin anew.
             return fused if fused.by_readings == state.by_readings else self._start(frame, state)
@@ -362,7 +335,7 @@ class Tracker:
         return replace(state, rival=rival, outlier=fused.distance)
 
     def _fused(
-        self, state: _State, frame: Measurement, manoeuvres: tuple[bool, ...] = (False,)
+        self, state: _State, frame: Measurement, changes: tuple[int, ...] = (USUAL,)
     ) -> _State:
         """Return the state with a frame by the likeliest motion that explains it, or the usual one.
 
@@ -371,11 +344,11 @@ class Tracker:
         usual = None
         for obeys in (True, False) if self._commanded(frame.stamp_ns) else (False,):
             best, least = None, math.inf
-            for manoeuvre in manoeuvres:
-                # A manoeuvre is wider and rarer, and no likelier than a usual motion that fits.
-                if best and best.distance**2 <= MANOEUVRE_COST:
-                    break
-                fused, cost = self._fused_by(state, frame, obeys, manoeuvre)
+            for change in changes:
+                # A change is wider and rarer, and no likelier than a usual motion that fits.
+                if best and best.distance**2 <= COSTS[change]:
+                    continue
+                fused, cost = self._fused_by(state, frame, obeys, change)
                 usual = usual or fused
                 if fused.distance <= self._gate and cost < least:
                     best, least = fused, cost
@@ -385,10 +358,10 @@ class Tracker:
         return usual
 
     def _fused_by(
-        self, state: _State, frame: Measurement, obeys: bool, manoeuvre: bool
+        self, state: _State, frame: Measurement, obeys: bool, change: int
     ) -> tuple[_State, float]:
         """Return the state with a frame by one motion, and twice its negative log-probability."""
-        predicted = self._predicted(state, frame.stamp_ns, obeys, manoeuvre)
+        predicted = self._predicted(state, frame.stamp_ns, obeys, change)
         taken = frame.readings is not None or frame.shaded > 0.5 or not state.by_readings
         if taken:
             corrected = self._correction.correct(predicted, frame)
@@ -404,49 +377,45 @@ class Tracker:
             state.frames + taken,
             corrected.distance,
         )
-        return fused, corrected.cost + manoeuvre * MANOEUVRE_COST
+        return fused, corrected.cost + COSTS[change]
 
     def _start(self, frame: Measurement, before: _State | None) -> _State:
         """Return a new track, which keeps what the one before, if any, learnt of the constants."""
         stamp_ns = frame.stamp_ns
-        biases, rate = self._space.prior(), np.diag(RATE_STD)
-        keyframes = self._correction.fit.prior()
+        begun = self._space.begun(np.zeros(STATE), np.diag(np.square([*POSE_STD, *RATE_STD])))
         if before is not None:
-            _, biases, keyframes, _ = before.corrected()
-            biases = self._space.drifted(biases, (stamp_ns - before.frame.stamp_ns) * 1e-9)
+            belief = before.corrected()
+            belief = self._space.drifted(belief, (stamp_ns - before.frame.stamp_ns) * 1e-9)
+            begun.mean[STATE:] = belief.mean[STATE:]
+            begun.covariance[STATE:, STATE:] = belief.covariance[STATE:, STATE:]
         own_motion = self._own_motion_at(stamp_ns, before)
-        if frame.readings is not None:
-            mean = np.concatenate([frame.readings.at[:5], np.zeros(5)])
-            root = block_diag(np.diag(POSE_STD), rate)
-            unknown = Motion(mean, root, np.zeros((10, len(biases.mean))))
-            belief = Belief(unknown, biases, keyframes)
-            corrected = self._correction.correct(belief, frame).belief
-            return _State(frame, corrected, own_motion, stamp_ns, True)
-        white, slopes = self._correction.pose_errors(biases, frame)
-        mean = np.concatenate([frame.pose, np.zeros(5)])
-        by_biases = np.vstack([-slopes, np.zeros_like(slopes)])
-        motion = Motion(mean, triangular(block_diag(white, rate)), by_biases)
-        begun = Belief(motion, biases, keyframes)
-        return _State(frame, Deferred(lambda: begun), own_motion, stamp_ns, False)
+        corrected = Deferred(lambda: self._correction.begun(begun, frame))
+        return _State(frame, corrected, own_motion, stamp_ns, frame.readings is not None)
 
-    def _predicted(self, state: _State, stamp_ns: int, obeys: bool, manoeuvre: bool) -> Belief:
+    def _predicted(self, state: _State, stamp_ns: int, obeys: bool, change: int) -> Belief:
         """Return a belief at a later stamp, where the follower obeys its commands or does not."""
-        start_ns, (before, biases, keyframes, last) = state.frame.stamp_ns, state.corrected()
+        start_ns, before = state.frame.stamp_ns, state.corrected()
         step_s = (stamp_ns - start_ns) * 1e-9
-        changes = [MANOEUVRE_STD] if manoeuvre else []
+        changes = [MANOEUVRE_STD] if change == MANOEUVRE else []
         if obeys != (state.own_motion == "told"):  # it is another rate
             changes.append(RATE_STD)
         noise = [walk_noise(self._rate_walk, step_s)]
         noise += [step_s * np.eye(10, 5) * std + np.eye(10, 5, -5) * std for std in changes]
-        mean, root, slopes = self._space.shades_drifted(before, step_s)
-        for part in (mean, root, slopes):
-            part[POSE] += step_s * part[RATE]
+        belief = self._space.drifted(before, step_s)
+        if change == JUMP:
+            belief = self._space.forgotten(belief)
+        mean, covariance = belief.mean, belief.covariance
+        mean[POSE] += step_s * mean[RATE]
+        covariance[POSE] += step_s * covariance[RATE]
+        covariance[:, POSE] += step_s * covariance[:, RATE]
+        root = np.hstack(noise)
+        covariance[:STATE, :STATE] += root @ root.T
         # The attitude's error turns the own motion by so little that the random motion covers it.
         if obeys:
             own = self._own_motion.displacement(start_ns, stamp_ns)
             mean[POSE] += in_beacon(before.mean[POSE], own)
-        motion = Motion(wrapped(mean), triangular(np.hstack([root, *noise])), slopes)
-        return Belief(motion, self._space.drifted(biases, step_s), keyframes, last)
+        wrapped(mean[POSE])
+        return belief
 
     def _commanded(self, stamp_ns: int) -> bool:
         """Say whether there is a command of a stamp that is not too old."""

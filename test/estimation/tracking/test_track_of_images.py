@@ -111,6 +111,34 @@ def test_a_dim_sea_that_is_hardly_moved_in_gets_no_sharp_and_wrong_track(estimat
     assert np.mean(squares[80:]) < 5 + 2.5**2
 
 
+def bent(light, second):
+    """Read by a converter that is bent, like an S, by a hundredth of full scale."""
+    return light + 10 * np.sin(2 * np.pi * np.minimum(light, 1023) / 1023)
+
+
+def dimmed(light, second):
+    """Return the light of a lamp that is dimmed by a fifth after 20 s."""
+    return light * (0.8 if second >= 20 else 1.0)
+
+
+@pytest.mark.parametrize("other", [bent, dimmed])
+def test_in_a_sea_that_is_not_the_scene_neither_images_nor_the_track_are_falsely_sure(
+    estimator, other
+):
+    # Aims, which no image shows, would widen all covariances.
+    estimator = Estimator(with_prior(estimator.scene, aim_std_deg=0.0, lamp_aim_std_deg=0.0))
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(1)
+    pipeline, seconds, false, posed = Pipeline(estimator), np.arange(300) / 5, np.zeros(2), 0
+    for second, pose in zip(seconds, course(seconds, 60.0, rng), strict=True):
+        image = model.read(other(model.light(pose), second), rng)
+        frame = pipeline.answer(round((1 + second) * 1e9), image)
+        if frame.track and frame.estimate:
+            false += [squared_error(it, pose) > 6**2 for it in (frame.estimate, frame.track)]
+            posed += 1
+    assert posed > 250
+    np.testing.assert_array_equal(false, 0)
+
+
 def test_a_lamp_that_dims_by_a_tenth_is_said_and_the_track_stays_true_and_as_sure_as_images(
     estimator,
 ):

@@ -299,7 +299,8 @@ class ImageFit:
             )
             # A frame with faulty detectors or a dark lamp is lit as the scene says, too.
             clears = [i for i, each in enumerate(found) if each.kind.names == main.kind.names]
-            main, clear = found[max(clears, key=lambda i: shares[i])], float(shares[clears].sum())
+            main = found[max(clears, key=lambda i: shares[i])]
+            clear = min(float(shares[clears].sum()), 1.0)
         self._check(result)
         pose, rolls, near = result.pose[:5], result.pose[5:], None
         covariance: Array = result.covariance[:5, :5]

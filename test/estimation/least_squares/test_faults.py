@@ -4,10 +4,12 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
+from scipy.stats import entropy
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.least_squares.faults import most_faulty
+from uuv_optical_array.estimation.least_squares.faults import most_faulty, weigh
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.least_squares.problem import MOST_STEPS, refine, start_at
 from uuv_optical_array.forward.model import ForwardModel
@@ -107,6 +109,24 @@ def test_the_readings_left_out_are_the_best_of_all_pairs(estimator):
         costs[pair] = refine(trial, start_at(trial, pose), MOST_STEPS).cost
     best = min(costs, key=costs.__getitem__)
     assert estimator.estimate(image).left_out == tuple(divmod(place, 5) for place in best)
+
+
+@pytest.mark.parametrize("heat", [1.0, 9.0])
+def test_weights_are_the_least_of_their_cost(estimator, heat):
+    """The cost of doubt, of what is left of the residual, and of being undecided, by SciPy."""
+    problem, squares = estimator._fit._kinds[0].problem, np.linspace(0, 60, 25)
+    problem = problem._replace(weights=np.ones(25))
+    _, added = weigh(problem, squares, heat)
+    costs = 0.0
+    for square, weight in zip(squares, problem.weights, strict=True):
+
+        def cost(w, half=0.5 * square / heat):
+            return w * half + 4.5 * (1 - w) - entropy([w, 1 - w])
+
+        found = minimize_scalar(cost, bounds=(0, 1), method="bounded", options={"xatol": 1e-9})
+        assert weight == pytest.approx(found.x, abs=1e-5)
+        costs += cost(weight) - weight * 0.5 * square / heat
+    assert added == pytest.approx(costs)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,64 @@
+"""Sizes of what a scene does not describe: what each leaves unknown, and how often it is."""
+
+import numpy as np
+import pytest
+from scenes import coarse, with_prior
+
+from uuv_optical_array.estimation.least_squares.frame_kinds import expecting, frame_kinds
+from uuv_optical_array.estimation.unknowns.constants import Expected
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+
+PRIOR = np.array([-6.0, 0, 0, 0, 0]), np.array([6.0, 1.8, 1.8, 1.0, 1.0])
+# Of a shade of a fifth in the logarithm of the light: it dims, it slopes, it bends.
+SHADE = {"lamp.power": 0.2, "shade.mode_1": 0.05, "shade.mode_2": 0.05, "shade.mode_4": 0.0125}
+
+
+def stds(kind):
+    """Return the standard deviations of a kind's nuisances, by name."""
+    values = 1 / np.sqrt(kind.problem.nuisance_precision.diagonal())
+    return dict(zip(kind.names, values.tolist(), strict=True))
+
+
+def test_a_size_is_so_much_of_a_shade_and_of_daylight():
+    clear, *others = frame_kinds(
+        ForwardModel(with_prior(coarse("reference"), uneven_probability=0.1)), *PRIOR
+    )
+    assert [kind.share for kind in (clear, *others)] == pytest.approx([0.9, 0.2 / 3, 0.1 / 3])
+    known = stds(clear)
+    assert not {"shade.mode_1", "ambient.to_bottom_counts"} & set(known)
+    for size, kind in zip((0.25, 1.0), others, strict=True):
+        found = stds(kind)
+        for name, std in SHADE.items():
+            assert found[name] == pytest.approx(np.hypot(known.get(name, 0.0), size * std))
+        # Two percent of a full scale of 1023 counts, from the middle to an edge.
+        assert found["ambient.to_bottom_counts"] == pytest.approx(size * 20.46)
+        # What is no mode is as strong as one of the second order.
+        white = np.sqrt(kind.problem.noise.square - clear.problem.noise.square)
+        assert white == pytest.approx(size * 0.0125)
+
+
+def test_what_is_known_exactly_leaves_no_size_but_by_several_lamps():
+    assert len(frame_kinds(ForwardModel(coarse("reference")), *PRIOR)) == 1
+    clear, small, large = frame_kinds(ForwardModel(load_scene("leading_lights")), *PRIOR)
+    known = stds(clear)
+    for size, kind in ((0.25, small), (1.0, large)):
+        found = stds(kind)
+        for name, std in {
+            "follower.roll_rad": 0.3,
+            "lamps.1.power": 0.2,
+            "lamps.2.yaw_deg": 1.0,
+        }.items():
+            assert found[name] == pytest.approx(np.hypot(known[name], size * std))
+
+
+def test_images_before_change_how_often_light_is_uneven_and_not_how_far():
+    kinds = frame_kinds(
+        ForwardModel(with_prior(coarse("reference"), uneven_probability=0.3)), *PRIOR
+    )
+    nothing = np.zeros(0), np.zeros((0, 0))
+    shares = [kind.share for kind in expecting(kinds, Expected(*nothing, 0.6))]
+    assert shares == pytest.approx([0.4, 0.4, 0.2])
+    assert expecting(kinds, Expected(*nothing)) is kinds
+    # However sure they are, an image may still be of the other kind.
+    assert expecting(kinds, Expected(*nothing, 1.0))[0].share > 0

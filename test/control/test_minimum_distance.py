@@ -92,7 +92,7 @@ def test_the_speed_of_a_leader_that_comes_nearer_is_part_of_the_approach(leader_
     settings = FormationSettings(station_m=(-0.5, 0.0, 0.0), min_distance_m=2.0)
     controller, own = FormationController(settings), 0.0
     for now in np.arange(20) * 1.1:  # farther apart than the timeout: each begins anew
-        controller.update(now, along(-4.0), PUBLISHED * 1e-12, along(own + leader_comes))
+        controller.update(now, along(-4.0), PUBLISHED * 1e-8, along(own + leader_comes))
         own = surge(controller, now)
     assert own + leader_comes == pytest.approx(2.0 / 2.5, abs=0.01)
 

@@ -90,17 +90,20 @@ def test_a_shaded_frame_is_a_weaker_lamp_and_five_modes():
     assert prior.nuisance_std() == prior.std_in(clear) == {"lamp.power": 0.3}
 
 
-def test_a_frame_that_is_lit_unevenly_has_five_modes_and_daylight_and_no_weaker_lamp():
-    known = {"lamp_power_std": 0.3, "uneven_probability": 0.1, "ambient_gradient_std_counts": 15.0}
+def test_a_frame_that_is_lit_unevenly_has_five_modes_and_daylight_and_a_weaker_lamp():
+    known = {"lamp_power_std": 0.15, "uneven_probability": 0.1, "ambient_gradient_std_counts": 15.0}
     prior = scene(known).prior
-    clear, uneven = prior.lights(1000)
-    assert (clear.share, uneven.share) == (0.9, 0.1)
+    clear, small, large = prior.lights(1000)
+    np.testing.assert_allclose([clear.share, small.share, large.share], [0.9, 0.2 / 3, 0.1 / 3])
     assert prior.std_in(clear) == prior.nuisance_std()
-    stds = prior.std_in(uneven)
-    assert stds.pop("lamp.power") == 0.3
+    stds = prior.std_in(large)
+    assert stds.pop("lamp.power") == 0.25  # a shade of a fifth dims, too
     # The scene's own gradient and that of daylight, 2 % of full scale, are independent.
     assert {stds.pop(f"ambient.to_{side}_counts") for side in ("starboard", "bottom")} == {25.0}
-    np.testing.assert_allclose(list(stds.values()), [0.05, 0.05, 0.0125, 0.0125, 0.0125])
+    shade = [0.05, 0.05, 0.0125, 0.0125, 0.0125]
+    np.testing.assert_allclose(list(stds.values()), shade)
+    modes = {name: std for name, std in prior.std_in(small).items() if name.startswith("shade")}
+    np.testing.assert_allclose(list(modes.values()), np.array(shade) / 4)
     # Where clouds are named, they are what shades.
     assert len(scene({**known, "shade_probability": 0.2}).prior.lights(1000)) == 3
 

@@ -209,7 +209,7 @@ class PriorSettings:
     def std_in(self, light: FrameLight) -> dict[str, float]:
         """Return `nuisance_std` for a kind of frame."""
         stds = self.nuisance_std()
-        if light.depth:
+        if light.cloud or light.size:
             stds[POWER] = math.hypot(self.lamp_power_std, light.depth)
         if light.daylight_counts:
             daylight = math.hypot(self.ambient_gradient_std_counts, light.daylight_counts)

@@ -66,7 +66,7 @@ MENDED, MENDED_BY_SEVERAL = 2.054, UNUSUAL
 # Logarithm of the odds of a kind against a clear frame, by a linear step, from which it counts, and
 # from which it is fitted.
 LOG_CONSIDERED, LOG_LIKELY = math.log(0.002), math.log(0.2)
-CLEAR = 0.8  # probability beyond which an image counts as one that nothing shades
+CLEAR = 0.9  # probability beyond which an image counts as one that nothing shades
 # Pitch, rad, beyond which a fit may have stopped at the steepest on its way to a steeper one.
 STEEP = STEEPEST - 0.03
 # Probability that a lamp is off or hidden, and chance of noise from which a dark one may be.

@@ -202,7 +202,8 @@ class ImageFit:
         else:
             found += [self._uneven(kind, image.problem(kind), guide) for kind in kinds[:0:-1]]
         if faults and clear.frame.score > DOUBTED:
-            for kind in (kinds[0], kinds[-1])[: len(kinds)]:
+            # Very uneven light beside a few detectors that are not believed would explain anything.
+            for kind in kinds[:2]:
                 mended = self._mended(image, kind)
                 found += [mended] if mended else []
                 if any(each.frame.outcome == FITTED for each in found):

@@ -23,17 +23,7 @@ from uuv_optical_array.forward.lamps import (
 )
 from uuv_optical_array.forward.light import INCIDENCE, RANGE, lambert, lamp_light, ray
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import (
-    BEER,
-    HOUSING,
-    LENS,
-    PORT,
-    Optics,
-    transmit_beer,
-    transmit_housing,
-    transmit_lens,
-    transmit_port,
-)
+from uuv_optical_array.forward.optics import Optics, transmit
 from uuv_optical_array.forward.scattering import scattered_light
 
 RAYS = INCIDENCE + 1  # rows of the rays that the laws of transmission read
@@ -86,21 +76,6 @@ def shine_scattered(
         rays[RANGE, i], rays[INCIDENCE, i] = range_m, incidence
 
 
-def transmit(optics: Optics, rays: Any, light: Any) -> None:
-    """Dim the light by all laws of transmission; without offsets, as `optics.illuminate` does."""
-    for i in range(len(optics.laws)):
-        settings = optics.law_settings
-        given = rays, settings[i, 0], settings[i, 1], settings[i, 2], light, 0, False
-        if optics.laws[i] == BEER:
-            transmit_beer(*given)
-        elif optics.laws[i] == LENS:
-            transmit_lens(*given)
-        elif optics.laws[i] == HOUSING:
-            transmit_housing(*given)
-        elif optics.laws[i] == PORT:
-            transmit_port(*given)
-
-
 def write_arriving(optics: Optics, poses: Any, light: Any) -> None:
     """Write the light of each lamp at each detector, before what the array does to it.
 
@@ -110,6 +85,7 @@ def write_arriving(optics: Optics, poses: Any, light: Any) -> None:
     """
     detectors, n, m = optics.detectors, optics.detectors.shape[1], poses.shape[1]
     lamps, rays = np.empty((6, m)), np.empty((RAYS, m))
+    settings = optics.law_settings
     for i in range(optics.lamps.shape[1]):
         at = optics.lamps[:, i]
         pitch, yaw = at[AXIS_PITCH], at[AXIS_YAW]
@@ -125,7 +101,9 @@ def write_arriving(optics: Optics, poses: Any, light: Any) -> None:
                 shine_scattered(*given, rays, own)
             else:
                 shine_clear(place, normal, lamps, lamp, rays, own)
-            transmit(optics, rays, own)
+            for q in range(len(optics.laws)):
+                a, b, c = settings[q, 0], settings[q, 1], settings[q, 2]
+                transmit(optics.laws[q], rays, a, b, c, own, 0, False)
 
 
 def expected_readings(model: ForwardModel, optics: Optics, poses: Array) -> Array:

@@ -49,7 +49,7 @@ from uuv_optical_array.forward.scattering import scattered_light
 LIGHT, BY_RANGE, BY_HALF_SQUARE, BY_INCIDENCE, BY_SIGMA, BY_SCATTERING = range(6)
 IN_RANGE, IN_HALF_SQUARE, IN_COSINE, IN_AXIAL, IN_SIGMA = range(6, 11)
 BEAM_ROWS = 11
-# Laws of transmission, each with a branch in `illuminate`.
+# Laws of transmission, each with a branch in `transmit`.
 LAWS = beer, lens, housing, port
 BEER, LENS, HOUSING, PORT = range(4)
 # Kinds of step on the array.
@@ -221,6 +221,20 @@ def transmitter(law: Callable[..., Any]) -> Callable[..., None]:
 transmit_beer, transmit_lens, transmit_housing, transmit_port = map(transmitter, LAWS)
 
 
+def transmit(
+    law: int, rays: Any, a: Any, b: Any, c: Any, beam: Any, row: Any, differentiate: bool
+) -> None:
+    """Change the light by the law of a place in `LAWS`, as `transmitter` has it."""
+    if law == BEER:
+        transmit_beer(rays, a, b, c, beam, row, differentiate)
+    elif law == LENS:
+        transmit_lens(rays, a, b, c, beam, row, differentiate)
+    elif law == HOUSING:
+        transmit_housing(rays, a, b, c, beam, row, differentiate)
+    elif law == PORT:
+        transmit_port(rays, a, b, c, beam, row, differentiate)
+
+
 def illuminate(
     optics: Optics, i: int, lamp: Any, nuisances: Any, rays: Any, beam: Any, differentiate: bool
 ) -> None:
@@ -248,14 +262,7 @@ def illuminate(
             first = first + nuisances[optics.law_at[i]]
         second, third = optics.law_settings[i, 1], optics.law_settings[i, 2]
         given = rays, first, second, third, beam, BEAM_ROWS + i, differentiate
-        if optics.laws[i] == BEER:
-            transmit_beer(*given)
-        elif optics.laws[i] == LENS:
-            transmit_lens(*given)
-        elif optics.laws[i] == HOUSING:
-            transmit_housing(*given)
-        elif optics.laws[i] == PORT:
-            transmit_port(*given)
+        transmit(optics.laws[i], *given)
 
 
 def project(

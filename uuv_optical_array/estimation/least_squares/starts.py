@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.core.geometry import PITCH, Array, lamp_in_body
-from uuv_optical_array.core.numerics.elementwise import stack
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.least_squares.problem import Problem
 from uuv_optical_array.estimation.least_squares.thinned import (
     kept_of,
@@ -21,8 +20,9 @@ from uuv_optical_array.estimation.signature.features import (
 )
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.signature_table import MIN_PEAK_COUNTS, grid_axes, no_light
-from uuv_optical_array.forward.model import BLOCK_READINGS, ForwardModel
-from uuv_optical_array.forward.optics import Optics, detect, write_light
+from uuv_optical_array.forward.many_poses import write_arriving
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import Optics, detect
 
 # Poses of the working volume from which fits may start: more make no fit more exact.
 STARTS = 1024
@@ -116,17 +116,11 @@ def drawn_poses(axes: list[Array]) -> Array:
 
 def light_of(optics: Optics, poses: Array) -> Array:
     """Return the light at poses of level followers, counts, shape ``(m, n)``."""
-    image = np.empty((1, len(poses), optics.step_values.shape[1]))
-    step = max(1, BLOCK_READINGS // image.shape[-1])
+    arriving = np.empty((optics.step_values.shape[1], len(poses)))
     with np.errstate(under="ignore"):  # light too dim for a float64 counts as none
-        for start in range(0, len(poses), step):
-            part = slice(start, start + step)
-            at = np.ascontiguousarray(poses[part].T)[..., None]
-            level, nothing = np.zeros(at.shape[1:]), np.zeros((0, *at.shape[1:]))
-            lamp = stack(*lamp_in_body(at, level))
-            slopes = np.zeros((6, 0, *at.shape[1:]))
-            write_light(optics, lamp, slopes, (*at[PITCH:], level), nothing, image[:, part])
-            detect(optics, nothing, image[:, part])
+        write_arriving(optics, np.ascontiguousarray(poses.T), arriving)
+        image = np.ascontiguousarray(arriving.T)[None]
+        detect(optics, np.zeros((0, len(poses), 1)), image)
     return image[0]
 
 

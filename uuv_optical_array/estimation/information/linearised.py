@@ -45,6 +45,11 @@ class LinearisedReadings(NamedTuple):
     light: Array
     variances: Array
 
+    def believed(self, weights: Array) -> "LinearisedReadings":
+        """Return readings that count by weights in [0, 1], ``(n,)``; at 0 their variance is inf."""
+        says, nothing = weights > 0, np.full(len(weights), np.inf)
+        return self._replace(variances=np.divide(self.variances, weights, out=nothing, where=says))
+
     def pose_slopes(self, of_pose: Array, of_constants: Array, gain_std: float) -> Array:
         """Return how the pose that fits best follows the constants that are given, ``(5, q - k)``.
 

@@ -40,7 +40,7 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import (
     frame_kinds,
     mixture,
 )
-from uuv_optical_array.estimation.least_squares.linear_model import LinearModel, weighted_by
+from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
 from uuv_optical_array.estimation.least_squares.posterior import PosteriorMoments
 from uuv_optical_array.estimation.least_squares.problem import STEEPEST, UNUSUAL, Problem
 from uuv_optical_array.estimation.least_squares.starts import Guide, guide_of
@@ -347,7 +347,7 @@ class ImageFit:
 
     def near(self, readings: Array, at: Array, roll: float, weights: Array) -> LinearisedReadings:
         """Return readings linearised at a place, as far as they are believed."""
-        return weighted_by(self._linearise(readings, at, roll), weights)
+        return self._linearise(readings, at, roll).believed(weights)
 
     def _check(self, result: FrameResult) -> None:
         """Raise `NoPose` for a result without a pose."""

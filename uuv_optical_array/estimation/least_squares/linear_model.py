@@ -62,8 +62,7 @@ class LinearModel:
         if self._roll is not None:
             at[:5], roll = rolled(at[:5], problem.roll, float(at[self._roll]))
             at[self._roll] = roll - problem.roll
-        near = self._linearise(problem.readings, at, problem.roll)
-        near = weighted_by(near, frame.weights)
+        near = self._linearise(problem.readings, at, problem.roll).believed(frame.weights)
         weighted = near.slopes.T / (near.variances + problem.noise.square * np.square(near.light))
         information = weighted @ near.slopes
         known = information[columns[:, None], columns]
@@ -81,11 +80,3 @@ class LinearModel:
             spread[:5, :5] += np.outer(off, off)
         frame = frame._replace(outcome=outcome, pose=at[columns[shown]], covariance=spread)
         return frame, near
-
-
-def weighted_by(near: LinearisedReadings, weights: Array) -> LinearisedReadings:
-    """Return readings that count by weights in [0, 1], ``(n,)``; at 0 their variance is inf."""
-    variances = np.divide(
-        near.variances, weights, out=np.full(len(weights), np.inf), where=weights > 0
-    )
-    return near._replace(variances=variances)

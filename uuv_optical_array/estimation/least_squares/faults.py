@@ -26,7 +26,7 @@ AT_LIMIT = 0.25  # and that it is then dark, or at full scale
 # Cost of a detector, as of three standard deviations, beyond which it is hardly believed: where one
 # is faulty, few others are worth the risk. Each further lamp adds what chi-squares of more degrees
 # of freedom are larger.
-DOUBTED, EACH_LAMP = 4.5, 1.25
+DISBELIEVED, EACH_LAMP = 4.5, 1.25
 LIT_EACH = 6  # clearly lit detectors beside each that is not believed, or the rest fits anything
 STARTS = 8
 COOLER = 0.25  # factor of the variance from turn to turn
@@ -70,7 +70,7 @@ def weigh(problem: Problem, squares: Array, heat: float) -> tuple[float, float]:
     - returned: largest change of a weight, and what the weights add to the cost of the readings.
     """
     weights, detectors = problem.weights, len(squares)
-    doubted = DOUBTED + EACH_LAMP * (lamps_of(problem) - 1)
+    doubted = DISBELIEVED + EACH_LAMP * (lamps_of(problem) - 1)
     change, cost = 0.0, 0.0
     for d in range(detectors):
         weight = 1 / (1 + np.exp(min(0.5 * squares[d] / heat - doubted, 500.0)))

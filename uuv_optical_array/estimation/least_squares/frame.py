@@ -147,15 +147,19 @@ def rivals(minima: list[State]) -> bool:
     return len(minima) > 1 and minima[1].cost - minima[0].cost < NEGLIGIBLE
 
 
-def find_minima(problem: Problem, guide: Guide, unit: Array) -> tuple[list[State], float]:
-    """Return the minima, best first, and the misfit of the first, by the direction of an image.
+def find_minima(
+    problem: Problem, guide: Guide, unit: Array, nearest: Any
+) -> tuple[list[State], float]:
+    """Return the minima, best first, and the misfit of the first.
 
     Those of a large array are found by few of its detectors, and refined by all.
+
+    - unit, nearest: direction of the image, and the rows nearest to it, as many as candidates.
     """
     if len(guide.readings) == len(problem.readings):
-        return search(problem, guide, unit)
+        return search(problem, guide, unit, nearest)
     few = thinned(problem, guide.readings, guide.blur)
-    found, score = search(few, guide, unit)
+    found, score = search(few, guide, unit, nearest)
     minima = found[:0]
     for state in found:
         if state.cost - found[0].cost < NEGLIGIBLE:
@@ -165,7 +169,7 @@ def find_minima(problem: Problem, guide: Guide, unit: Array) -> tuple[list[State
     return minima, score
 
 
-def search(problem: Problem, guide: Guide, unit: Array) -> tuple[list[State], float]:
+def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> tuple[list[State], float]:
     """Return what `find_minima` does, by the readings that the guide is of.
 
     Where the first starts lead to rivals or to a fit that noise can hardly explain, more follow.
@@ -173,9 +177,7 @@ def search(problem: Problem, guide: Guide, unit: Array) -> tuple[list[State], fl
     most = min(MOST_STARTS, guide.units.shape[1])
     enough = guide.gaussian or lit(problem) >= FEW_LIT
     count = min(guide.candidates if enough else MOST_STARTS, most)
-    rows, _ = nearest_rows(guide.units, unit, max(count, 2))
-    if count > guide.candidates:
-        rows = rows_alike(problem, guide, unit, count)
+    rows = rows_alike(problem, guide, unit, count) if count > guide.candidates else nearest
     minima = [refine(problem, start_at(problem, guide.poses[rows[0]]), MOST_STEPS)]
     if not np.isfinite(minima[0].cost):
         minima.clear()
@@ -210,6 +212,16 @@ def search(problem: Problem, guide: Guide, unit: Array) -> tuple[list[State], fl
             insert(minima, refine(problem, state.parts[AT], MANY_STEPS))
         if len(minima) > 0:
             score = misfit(problem, minima[0].parts[AT])
+    return minima, score
+
+
+def minimum_from(problem: Problem, start: Array) -> tuple[list[State], float]:
+    """Return the minimum that one start leads to, as `find_minima` does."""
+    minima, score = [refine(problem, start, MOST_STEPS)], np.inf
+    if np.isfinite(minima[0].cost):
+        score = misfit(problem, minima[0].parts[AT])
+    else:
+        minima.clear()
     return minima, score
 
 
@@ -252,17 +264,16 @@ def estimate_frame(problem: Problem, guide: Guide, doubting: bool) -> FrameResul
     coordinates: Any = np.full(5, np.nan)
     outcome, pose, evidence, linear, log_faulty = NO_START, nothing, -np.inf, -np.inf, 0.0
     runner_up, runner_up_score, wider = nothing, np.nan, False
-    minima, score = [State(0.0, 0.0, np.empty((0, 0)))][:0], np.inf
+    there: Any = at
     if doubting:
         there, log_faulty = disbelieve(problem, guide)
-        insert(minima, refine(problem, there, MOST_STEPS))
-        if len(minima) > 0:
-            score = misfit(problem, minima[0].parts[AT])
     unit = direction(problem, guide)
-    if not doubting:
-        minima, score = find_minima(problem, guide, unit)
-    _, chords = nearest_rows(guide.units, unit, 2)
-    angle, second_angle = 2 * np.arcsin(np.minimum(0.5 * chords, 1.0))
+    nearest, chords = nearest_rows(guide.units, unit, max(guide.candidates, 2))
+    angle, second_angle = 2 * np.arcsin(np.minimum(0.5 * chords[:2], 1.0))
+    if doubting:
+        minima, score = minimum_from(problem, there)
+    else:
+        minima, score = find_minima(problem, guide, unit, nearest)
     if len(minima) > 0:
         for i in range(len(at)):
             at[i] = minima[0].parts[POSE if i < 5 else AT, i]

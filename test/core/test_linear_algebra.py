@@ -8,10 +8,10 @@ from scipy import linalg
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.linear_algebra import (
     cholesky,
-    qr,
     solve,
     solve_lower,
     solve_upper,
+    triangular_factor,
 )
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -75,8 +75,8 @@ def test_a_system_is_solved_as_numpy_solves_it_and_a_singular_one_is_refused(col
         solve(matrix, right)
 
 
-@pytest.mark.parametrize("rows", [5, 25])
-def test_the_factors_of_a_matrix_are_numpys(rows):
-    matrix = np.random.default_rng(rows).standard_normal((rows, 5))
-    for found, expected in zip(qr(matrix), np.linalg.qr(matrix), strict=True):
-        np.testing.assert_array_equal(found, expected)
+@pytest.mark.parametrize("shape", [(5, 5), (25, 5), (9, 18)])
+def test_the_triangular_factor_is_numpys(shape):
+    matrix = np.random.default_rng(shape[0]).standard_normal(shape)
+    found, expected = triangular_factor(matrix), np.linalg.qr(matrix, mode="r")
+    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)

@@ -69,7 +69,7 @@ def test_biases_hold_for_their_times_and_return_to_their_prior():
     begun = space.begun(np.zeros(10), np.eye(10))
     known = begun._replace(mean=np.ones(10 + space.size), covariance=0 * begun.covariance)
     after = space.drifted(known, 7.0)
-    times = [1000.0] * 5 + [60.0] + [10.0] * 4 + [5.0] * 5 + [1000.0]
+    times = [1000.0] * 5 + [60.0] + [1.0] * 4 + [5.0] * 5 + [1000.0]
     kept = np.exp(-7.0 / np.array(times))
     np.testing.assert_allclose(after.mean, [*np.ones(10), *kept], rtol=1e-12)
     expected = np.diag([*np.zeros(10), *1 - kept**2])

@@ -23,20 +23,15 @@ def solve(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np
     return np.asarray(solution)
 
 
-def qr(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what `numpy.linalg.qr` returns, of no fewer rows than columns."""
-    factor, scales, *_ = lapack.dgeqrf(matrix)
-    return lapack.dorgqr(factor, scales)[0], upper(factor[: factor.shape[1]])
-
-
-def upper(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a square matrix with zeros below its diagonal."""
-    return np.asarray(matrix * _upper_mask(len(matrix)))
+def triangular_factor(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return R of the QR decomposition, shape ``(min(n, m), m)`` for a matrix of ``(n, m)``."""
+    factor = lapack.dgeqrf(matrix)[0][: min(matrix.shape)]
+    return np.asarray(factor * _upper_mask(factor.shape))
 
 
 @cache
-def _upper_mask(size: int) -> NDArray[np.float64]:
-    return np.triu(np.ones((size, size)))
+def _upper_mask(shape: tuple[int, ...]) -> NDArray[np.float64]:
+    return np.triu(np.ones(shape))
 
 
 def cholesky(matrix: Any) -> bool:

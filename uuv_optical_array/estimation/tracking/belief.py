@@ -2,14 +2,15 @@
 
 These are the errors of the scene's unknown constants, in a slow part that holds for an hour and a
 fast one that holds for a minute, as water and lamps change; the gain errors of the detectors, and
-as large an error of each reading that holds for seconds: what beam, response and converter are not,
-seen from one place; errors by which shades move a pose; and the error of ranges from elsewhere. All
-are Ornstein-Uhlenbeck processes in standard deviations of their prior, to which they return where
-nothing is seen of them. So the errors of linear images are forgotten, too.
+as large an error of each reading that holds for a second: what beam, response and converter are
+not, seen from one place; errors by which shades move a pose; and the error of ranges from
+elsewhere. All are Ornstein-Uhlenbeck processes in standard deviations of their prior, to which they
+return where nothing is seen of them. So the errors of linear images are forgotten, too.
 
-Frames of one place share the error of its linear images, and would teach the constants that error
-as often as there are frames. So a frame teaches the biases only from a new place, and corrects the
-pose for given uncertain biases otherwise (S. F. Schmidt, *Advances in Control Systems* 3, 1966).
+Readings teach the biases only what holds whatever the pose (the projection on the null space of
+A. Mourikis and S. Roumeliotis, *IEEE ICRA* 2007), and then correct the pose for given uncertain
+biases (S. F. Schmidt, *Advances in Control Systems* 3, 1966). What they say of pose and biases
+together would teach the errors of the motion's model and of linear images, in each frame the same.
 """
 
 import math
@@ -26,8 +27,8 @@ from uuv_optical_array.estimation.unknowns.constants import Constants, drift
 
 STATE = 10  # pose and rate, before the biases
 # A share of the prior's standard deviation of constants changes within so long, s.
-FAST_SHARE, FAST_S = 1 / 3, 60.0
-PLACE_S = 10.0  # in which the errors of readings that depend on the place change
+FAST_SHARE, FAST_S = 0.1, 60.0
+PLACE_S = 1.0  # in which the errors of readings that depend on the place change
 ROUNDING = 1e-14  # of a variance, which a correction may lose
 MOST_BLOCKS = 7  # by a side of the array: the detectors of a block have one gain error, their mean
 
@@ -36,13 +37,11 @@ class Belief(NamedTuple):
     """Pose, rate and k biases.
 
     - mean, covariance: shapes ``(10 + k,)`` and ``(10 + k, 10 + k)``.
-    - taught: pose of the last frame that taught the biases, m and rad, shape ``(5,)``.
     - range, ranged_ns: what was made of the last range; stamp of the last one that was used, ns.
     """
 
     mean: Array
     covariance: Array
-    taught: Array | None = None
     range: RangeUse | None = None
     ranged_ns: int = LONG_AGO_NS
 
@@ -191,3 +190,14 @@ def correct(belief: Belief, observation: Observation, teach: bool = True) -> Bel
     corrected = covariance - less
     corrected.flat[:: len(mean) + 1] += ROUNDING * covariance.diagonal()
     return belief._replace(mean=mean + shift, covariance=(corrected + corrected.T) / 2)
+
+
+def learn(belief: Belief, observation: Observation) -> Belief:
+    """Return a belief corrected by an observation, of which only the first five depend on the pose.
+
+    The others teach the biases, and then these correct pose and rate alone.
+    """
+    innovation, slopes = observation
+    taught = correct(belief, Observation(innovation[5:], slopes[5:]))
+    left = innovation[:5] - slopes[:5] @ (taught.mean - belief.mean)
+    return correct(taught, Observation(left, slopes[:5]), teach=False)

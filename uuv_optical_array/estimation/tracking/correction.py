@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import lapack, solve_triangular
 
 from uuv_optical_array.core.geometry import Array, wrapped
-from uuv_optical_array.core.numerics.linear_algebra import qr, solve
+from uuv_optical_array.core.numerics.linear_algebra import solve, triangular_factor
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import (
     STATE,
@@ -23,6 +23,7 @@ from uuv_optical_array.estimation.tracking.belief import (
     BiasSpace,
     Observation,
     correct,
+    learn,
     weigh,
 )
 from uuv_optical_array.estimation.tracking.measurement import Measurement, checked_readings
@@ -43,9 +44,6 @@ BROAD_SHARE = 0.75
 # Place of the second linearisation, as a share of the correction: there the biases by noise and by
 # curvature are least in drives of 20 minutes through seas drawn from the prior.
 RELINEARISE_AT = 0.25
-# A place is new so far from the last, in standard deviations of the pose of one frame. A frame that
-# was expected so far off, as in a manoeuvre, is linearised where it is, and teaches nothing.
-NEW_PLACE = SURPRISING = 2.0
 
 
 class Deferred:
@@ -145,38 +143,25 @@ class Correction:
             return self._observation(readings, slopes, off, before)
 
         observation = observation_of(readings)
-        basis, _ = qr(observation.slopes[:, POSE])
-        of_pose = Observation(basis.T @ observation.innovation, basis.T @ observation.slopes)
+        of_pose = Observation(observation.innovation[:5], observation.slopes[:5])
         distance, _ = weigh(before.covariance, of_pose)
         _, cost = weigh(before.covariance, observation)
 
         def finished() -> Belief:
-            used, teach = observation, self._is_new(belief, frame)
+            used = observation
             # A frame beyond the gate is not of this track, wherever it is linearised.
             if frame.relinearise and distance <= self._gate:
-                step = correct(before, used).mean[POSE] - expected
-                found, _ = coordinates.place(np.concatenate([expected + step, constants]))
-                far = (
-                    belief.taught is not None
-                    and _distance(frame, found[:5], belief.mean[POSE]) > SURPRISING
-                )
-                share, teach = (1.0, False) if far else (RELINEARISE_AT, teach)
-                at = np.concatenate([expected + share * step, constants])
+                step = learn(before, used).mean[POSE] - expected
+                at = np.concatenate([expected + RELINEARISE_AT * step, constants])
                 used = observation_of(self._readings_at(frame, coordinates.place(at)[0]))
-            after = self._curved(correct(before, used, teach))
-            return after._replace(taught=belief.mean[POSE].copy()) if teach else after
+            return self._curved(learn(before, used))
 
         return Corrected(Deferred(finished), distance, cost)
-
-    def _is_new(self, belief: Belief, frame: Measurement) -> bool:
-        """Say whether a frame was expected at another place than the last that taught."""
-        last = belief.taught
-        return last is None or _distance(frame, belief.mean[POSE], last) >= NEW_PLACE
 
     def _observation(
         self, readings: LinearisedReadings, slopes: Array, off: Array, before: Belief
     ) -> Observation:
-        """Return what readings say.
+        """Return what readings say, of which only the first five numbers depend on the pose.
 
         - slopes, off: by coordinates of pose and constants, and how far these are off.
         """
@@ -185,10 +170,9 @@ class Correction:
         errors = space.parts @ before.mean[STATE:]
         errors[of] = off[5:] / space.stds[of]
         innovation = residuals - by_pose @ off[:5] - by_learnt @ errors
-        of_errors = np.hstack([by_pose, by_learnt])
-        if len(of_errors) > of_errors.shape[1]:  # the rest depends on neither
-            basis, of_errors = qr(of_errors)
-            innovation = basis.T @ innovation
+        # Turned so that each number depends on one error fewer than the one before it.
+        turned = triangular_factor(np.column_stack([by_pose, by_learnt, innovation]))
+        of_errors, innovation = turned[:, :-1], turned[:, -1]
         none = np.zeros((len(innovation), 5))
         by_biases = of_errors[:, 5:] @ space.parts
         return Observation(innovation, np.hstack([of_errors[:, :5], none, by_biases]))
@@ -236,10 +220,4 @@ def pose_distance(belief: Belief, frame: Measurement) -> float:
     spread = belief.covariance[POSE, POSE] + frame.root @ frame.root.T
     off = wrapped(frame.pose - belief.mean[POSE])
     white, _ = lapack.dtrtrs(lapack.dpotrf(spread, lower=1)[0], off, lower=1)
-    return float(np.linalg.norm(white))
-
-
-def _distance(frame: Measurement, pose: Array, other: Array) -> float:
-    """Return the distance of two poses in standard deviations of the pose of one frame."""
-    white, _ = lapack.dtrtrs(frame.root, wrapped(pose - other), lower=1)
     return float(np.linalg.norm(white))

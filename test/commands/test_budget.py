@@ -31,7 +31,7 @@ def test_counts_of_a_planar_array_in_clear_water_are_those_of_the_inverse_square
     watts_per_m2 = 0.02 * 0.85 / (2 * math.pi * whole) / range_m**2
     volts = watts_per_m2 * 0.8 * 7.5e-6 * 0.32 * it.feedback_ohm
     reading = ForwardModel(scene).light(aligned([6.0]))[0, 2, 2]
-    assert reading == pytest.approx(volts / 1.2 * 65535, rel=1e-4)
+    assert reading == pytest.approx(volts / 1.2 * 65535 + 100, rel=1e-4)  # and the pedestal
 
 
 def test_the_lamp_of_a_ready_scene_gives_its_own_counts_and_noise():
@@ -41,6 +41,7 @@ def test_the_lamp_of_a_ready_scene_gives_its_own_counts_and_noise():
     it = Instrument(
         part=diode["part"],
         bits=10,
+        pedestal_counts=0,
         full_scale_v=1023 * diode["amps_per_count"] * diode["load_ohm"],
         feedback_ohm=diode["load_ohm"],
         average_s=0.5 / diode["bandwidth_hz"],
@@ -108,7 +109,7 @@ def test_the_keys_that_are_printed_make_the_scene_that_is_told(tmp_path):
     assert scene.fingerprint == scene_with(load_scene("coastal"), it).fingerprint
     light = ForwardModel(scene).light(aligned([4.0])).max()
     (row,) = [line.split() for line in out.splitlines() if line.startswith("        4")]
-    assert float(row[1]) == pytest.approx(light, rel=1e-4)
+    assert float(row[1]) == pytest.approx(light, rel=5e-4)
     near, far = reach(scene)
     assert f"10 deg: {near:g} to {far:g} m" in out
     assert_picture(picture)
@@ -122,7 +123,7 @@ def test_the_eyes_see_each_of_several_lamps_by_itself(tmp_path):
     }
     one, three = (float(re.search(r"blue light (\S+),", text).group(1)) for text in told.values())
     assert three == pytest.approx(one / 3, rel=0.01)
-    assert told["leading_lights"].startswith("3 lamps: 0.5 W in a beam of 8 deg")
+    assert told["leading_lights"].startswith("3 lamps: 0.33 W in a beam of 8 deg")
 
 
 @pytest.mark.usefixtures("sketched")
@@ -144,7 +145,7 @@ def test_more_counts_than_a_scene_takes_are_refused(tmp_path):
         *("--output", tmp_path / "budget.png"),
         code=1,
     )
-    assert "would read 2e+07 counts" in line
+    assert "would read 1.32e+07 counts" in line
     assert "change the feedback resistor or the lamp" in line
 
 
@@ -154,6 +155,7 @@ def test_errors_of_building_move_a_fit_as_told():
     pose = np.array([-5.0, 0.3, -0.2, 0.1, -0.15])
     model, stds = ForwardModel(scene), scene.prior.nuisance_std()
     right = model.light(pose).ravel()
+    lit = right - 100  # without the pedestal
     sigma = np.sqrt(model.variance(right)[0])
     prior = np.array(list(stds.values()))
 
@@ -166,7 +168,7 @@ def test_errors_of_building_move_a_fit_as_told():
         return least_squares(misfit, np.zeros(5 + len(stds)), x_scale="jac").x[:5]
 
     told = tolerances(scene, pose)
-    gains = np.array([moved(right * (1 + 0.01 * one)) for one in np.eye(25)])
+    gains = np.array([moved(right + 0.01 * lit * one) for one in np.eye(25)])
     # Shifted detectors see what a shifted vehicle sees, tilted ones another cosine.
     body = Rotation.from_euler("ZYX", [pose[4], pose[3], 0])
     shifts = [np.append(pose[:3] + 1e-3 * body.apply(axis), pose[3:]) for axis in np.eye(3)]
@@ -179,7 +181,7 @@ def test_errors_of_building_move_a_fit_as_told():
 
     changes = {
         "each gain off by 1 %": [np.full(25, 0.01)],
-        "each detector off by 1 mm": [model.light(at).ravel() / right - 1 for at in shifts],
+        "each detector off by 1 mm": [model.light(at).ravel() / lit - right / lit for at in shifts],
         "each detector tilted by 1 deg": [cosine(n) / cosine(array.normals) - 1 for n in tilts],
     }
     for name, relative in changes.items():

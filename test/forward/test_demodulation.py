@@ -7,6 +7,7 @@ from calibrated_seas import largest_pull, recorded
 from scenes import changed
 
 from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
@@ -68,6 +69,29 @@ def test_lamp_and_daylight_saturate_together_at_the_lamps_peak():
     assert scene.full_scale_counts == 880.0
     with pytest.raises(ValueError, match=r"saturation.level_counts: 200: daylight of 300 counts"):
         ForwardModel(scene_with(saturation={"level_counts": 200.0}))
+
+
+def test_a_pedestal_is_added_behind_gains_and_has_no_shot_noise():
+    """The same scene with and without one: light, its variance and readings of other gains."""
+    effects = {
+        "responsivity": {"spread": 0.1, "seed": 3},
+        "shot_noise": {"electrons_per_count": 50.0},
+        "adc": {"bits": 12},
+    }
+    pose = [-5.0, 0.2, -0.1, 0.05, -0.1]
+    plain = ForwardModel(designs.scene_with(effects, "ideal"))
+    model = ForwardModel(designs.scene_with({**effects, "pedestal": {"level_counts": 70}}, "ideal"))
+    assert model.scene.black_counts == 70
+    light, raised = plain.light(pose), model.light(pose)
+    np.testing.assert_allclose(raised, light + 70, rtol=1e-12)
+    np.testing.assert_allclose(model.variance(raised)[0], plain.variance(light)[0], rtol=1e-12)
+    gains = 1 + 0.01 * np.arange(25.0).reshape(5, 5)
+    np.testing.assert_allclose(model.with_gains(raised, gains), gains * light + 70, rtol=1e-12)
+    still = np.zeros((1, 5)), np.zeros(1), None
+    seen = CalibrationLikelihood(model.scene, raised[None], *still).readings[0]
+    np.testing.assert_allclose(seen, light.ravel(), rtol=1e-12)
+    with pytest.raises(ValueError, match=r"effects.pedestal: demodulation has its own"):
+        scene_with(pedestal={"level_counts": 70.0})
 
 
 def test_a_calibration_finds_lamp_and_gains_above_the_pedestal():

@@ -76,7 +76,7 @@ def test_a_new_effect_is_one_function_and_one_scene_key_and_noises_add(monkeypat
 
 
 def test_a_scene_without_noise_draws_no_random_number_and_needs_no_generator():
-    left_out = {"sensor_noise", "shot_noise", "photodiode", "sea"}
+    left_out = {"sensor_noise", "shot_noise", "photodiode", "sea", "pedestal"}
     quiet = {name: middle_settings(name) for name in EFFECTS if name not in left_out}
     quiet["ambient"] = {"level_counts": 100.0}  # which does not saturate by itself
     model = make_model(**quiet)

@@ -73,4 +73,5 @@ def any_scenes(draw):
     """Scenes with any of the effects."""
     names = draw(st.lists(st.sampled_from(list(EFFECTS)), unique=True, max_size=6))
     assume(not {"attenuation", "sea"} <= set(names))  # one water at a time
+    assume(not {"pedestal", "demodulation"} <= set(names))  # which has its own
     return draw(scenes(names))

@@ -255,6 +255,16 @@ def demodulated(scene, light):
     return total
 
 
+def pedestal(reading, level_counts):
+    return reading + level_counts
+
+
+def black(effects):
+    """Return the reading of darkness."""
+    level = effects.get("demodulation", {}).get("pedestal_counts", 0.0)
+    return pedestal(level, **effects.get("pedestal", {"level_counts": 0.0}))
+
+
 def adc(reading, bits):
     return float(min(max(math.floor(reading + 0.5), 0), 2**bits - 1))
 
@@ -268,7 +278,13 @@ WAY = named(attenuation, lamp_flicker, lamp_drift, plume, field_of_view, window)
 ARRAY = named(ambient, forward_scatter, responsivity, detector_faults)
 NOISE = named(sensor_noise, shot_noise, photodiode)
 LIMITS = named(saturation, adc)
-ELECTRONICS = {**NOISE, "saturation": saturation, "demodulation": demodulated, "adc": adc}
+ELECTRONICS = {
+    **NOISE,
+    "saturation": saturation,
+    "demodulation": demodulated,
+    "pedestal": pedestal,
+    "adc": adc,
+}
 EFFECTS = {"attenuation": attenuation, "sea": through_sea, **WAY, **ARRAY, **ELECTRONICS}
 RESPONSE = "field_of_view.cosine_power"  # whose offset acts in any scene
 LOGARITHMS = "sea.scattering_per_m"  # settings whose offset is that of their logarithm
@@ -337,7 +353,7 @@ def image_of(scene, power, effects, pose, roll=0.0, time_s=None, offsets=None):
     for name, step in ARRAY.items():
         if name in effects and not (name == "ambient" and "demodulation" in effects):
             step(image, array, **effects[name])
-    return image + effects.get("demodulation", {}).get("pedestal_counts", 0.0)
+    return image + black(effects)
 
 
 def power_of(scene):
@@ -363,7 +379,8 @@ def noise_variance(scene, light):
     effects = scene["effects"]
     if "demodulation" in effects:
         return demodulated(scene, light)
-    return sum(law(light, **effects[name]) for name, law in NOISE.items() if name in effects)
+    lit = max(light - black(effects), 0.0)
+    return sum(law(lit, **effects[name]) for name, law in NOISE.items() if name in effects)
 
 
 def variance(scene, light):

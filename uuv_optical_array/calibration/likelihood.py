@@ -72,6 +72,7 @@ class CalibrationLikelihood:
             self.faulty[row, column] = True
         self.faulty = self.faulty.ravel()
         effects.setdefault("ambient", {"level_counts": 0.0})
+        effects.pop("pedestal", None)
         if "demodulation" in effects:
             effects["demodulation"]["pedestal_counts"] = 0.0
         settings.pop("prior")

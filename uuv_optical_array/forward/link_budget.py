@@ -31,7 +31,7 @@ BLUE = (0.1, 0.4, 0.8, 0.98, 1.0, 0.94, 0.8, 0.62, 0.45, 0.22, 0.1)
 class Instrument:
     """Lamp, detector and converter in the units of data sheets; the scene has beam and water."""
 
-    lamp_w: Annotated[float, Quantity("radiant flux of the LED, or of all", "W", 1e-6, 1e3)] = 0.5
+    lamp_w: Annotated[float, Quantity("radiant flux of the LED, or of all", "W", 1e-6, 1e3)] = 0.33
     optics: Annotated[float, Quantity("share that leaves the lamp", "", 0.01, 1)] = 0.85
     wavelength_nm: Annotated[float, Quantity("of the lamp", "nm", 400, 700)] = 525.0
     lens_m: Annotated[float, Quantity("diameter of the lamp's lens", "m", 2e-3, 1)] = 0.03
@@ -41,9 +41,12 @@ class Instrument:
     capacitance_f: Annotated[float, Quantity("at the amplifier's input", "F", 0, 1e-6)] = 80e-12
     amplifier_v_per_rthz: Annotated[float, Quantity("its noise", "V/sqrt(Hz)", 0, 1)] = 7.5e-9
     amplifier_a_per_rthz: Annotated[float, Quantity("its noise", "A/sqrt(Hz)", 0, 1)] = 2e-15
-    converter_v_per_rthz: Annotated[float, Quantity("its noise", "V/sqrt(Hz)", 0, 1)] = 1.2e-7
+    converter_v_per_rthz: Annotated[float, Quantity("its noise", "V/sqrt(Hz)", 0, 1)] = 1.7e-7
     full_scale_v: Annotated[float, Quantity("of the converter", "V", 1e-3, 100)] = 1.2
     bits: Annotated[int, Quantity("of a reading", "", 4, 16)] = 16
+    pedestal_counts: Annotated[
+        int, Quantity("that the sender adds, so that noise in the dark stays above 0", "", 0, 10000)
+    ] = 100
     average_s: Annotated[float, Quantity("time that a reading averages", "s", 1e-6, 10)] = 0.02
     temperature_c: Annotated[float, Quantity("of diode and resistor", "deg C", -40, 100)] = 15.0
     daylight_w_per_m2: Annotated[
@@ -122,7 +125,7 @@ def keys(scene: Scene, instrument: Instrument) -> dict[str, dict[str, Any]]:
             "scene takes 1 to 1e6; change the feedback resistor or the lamp"
         )
     full_scale = 2.0**instrument.bits - 1
-    gone = sorted({"sensor_noise", "shot_noise", "ambient"} & {*scene.effects})
+    gone = sorted({"sensor_noise", "shot_noise", "ambient", "pedestal"} & {*scene.effects})
     effects: dict[str, Any] = dict.fromkeys(gone)
     if daylight := instrument.daylight_w_per_m2 * instrument.counts_per_w_per_m2:
         effects["ambient"] = {"level_counts": _short(daylight)}
@@ -134,7 +137,13 @@ def keys(scene: Scene, instrument: Instrument) -> dict[str, dict[str, Any]]:
         "temperature_c": instrument.temperature_c,
         "amps_per_count": _short(instrument.amps_per_count),
     }
-    effects |= {"saturation": {"level_counts": full_scale}, "adc": {"bits": instrument.bits}}
+    effects["saturation"] = {"level_counts": full_scale}
+    if modulated := scene.effects.get("demodulation"):
+        level = float(instrument.pedestal_counts)
+        effects["demodulation"] = {**modulated, "pedestal_counts": level}
+    elif instrument.pedestal_counts:
+        effects["pedestal"] = {"level_counts": float(instrument.pedestal_counts)}
+    effects["adc"] = {"bits": instrument.bits}
     changes = {"lamp": {"reference_counts": _short(reference)}, "effects": effects}
     if unsure := scene.prior.ambient_std_counts / scene.full_scale_counts:
         changes["prior"] = {"ambient_std_counts": _short(unsure * full_scale)}

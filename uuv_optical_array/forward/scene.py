@@ -94,7 +94,8 @@ class Scene:
     @property
     def black_counts(self) -> float:
         """Reading of darkness, counts."""
-        return float(self.effects.get("demodulation", {}).get("pedestal_counts", 0.0))
+        modulated = self.effects.get("demodulation", {}).get("pedestal_counts", 0.0)
+        return float(self.effects.get("pedestal", {}).get("level_counts", modulated))
 
     @property
     def lamp_count(self) -> int:
@@ -249,6 +250,8 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
         scene = Scene(name=name, effects=effects, lamps=lamps, **groups)
         if "sea" in effects and "attenuation" in effects:
             raise ValueError("effects.attenuation: sea has absorption in its place; leave one out")
+        if "pedestal" in effects and "demodulation" in effects:
+            raise ValueError("effects.pedestal: demodulation has its own; leave it out")
         if lamps and "demodulation" not in effects:
             raise ValueError("lamps: nothing tells them apart; add effects.demodulation")
         if lamps and "forward_scatter" in effects:

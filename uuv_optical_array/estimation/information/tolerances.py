@@ -43,7 +43,7 @@ def tolerances(scene: Scene, pose: Array) -> dict[str, Array]:
     errors = {
         "each detector off by 1 mm": follow[:, None] * shifts,
         "each detector tilted by 1 deg": follow[:, None] * turns,
-        "each gain off by 1 %": follow * (PERCENT * light),
+        "each gain off by 1 %": follow * (PERCENT * (light - model.noise.black)),
         "the array turned by 1 deg": DEGREE * turned_on_mount(pose, 0.0, scene.array.bow_m),
         "the lamp turned by 1 deg": DEGREE * turned_about_lamp(pose),
     }

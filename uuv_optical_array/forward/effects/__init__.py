@@ -49,6 +49,7 @@ EFFECTS: dict[str, Effect] = {
         Effect(electronics.photodiode, ways=(("amps_per_count",), ("watts_per_m2_per_count",))),
         Effect(electronics.saturation),
         Effect(electronics.demodulation),
+        Effect(electronics.pedestal),
         Effect(electronics.adc),
     )
 }

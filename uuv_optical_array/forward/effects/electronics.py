@@ -166,6 +166,19 @@ def largest_demodulated(
     return pedestal_counts + (level_counts - daylight_counts) / peak
 
 
+def pedestal(
+    array: DetectorArray,
+    *,
+    level_counts: Annotated[float, Quantity("reading of darkness", "counts", 0, 1e4)],
+) -> Background:
+    """Raise all readings by what the sender adds, so that noise in the dark stays above 0.
+
+    It is no light: it has no shot noise, and no gain multiplies it. With `demodulation` leave it
+    out, which has ``pedestal_counts``.
+    """
+    return Background(np.ones(array.side**2), level_counts)
+
+
 def adc(
     array: DetectorArray,
     *,

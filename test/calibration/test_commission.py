@@ -59,7 +59,7 @@ def test_an_array_that_is_wired_right_gets_no_wiring_and_a_bag_that_ends_early_n
     frames = [image_message(*each) for each in torch_run(5, np.random.default_rng(6))]
     output = tmp_path / "sea.yaml"
     half = write_bag(tmp_path / "half", frames[: len(frames) // 2], "MCAP")
-    assert "ends before both sweeps" in run("commission", half, "-o", output, code=1)
+    assert "not seen: the torch of sweep 2" in run("commission", half, "-o", output, code=1)
     assert not output.exists()
     bag = write_bag(tmp_path / "torch", frames, "MCAP")
     assert "wiring: in reading order" in text_of(run, "commission", bag, "-o", output)

@@ -2,12 +2,14 @@
 
 import dataclasses
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
 
 from uuv_optical_array.calibration.wiring import TorchSweeps
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.estimate import Estimate
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import reading_variance
@@ -23,12 +25,35 @@ MAX_MISFIT = 1e-3  # and that sound light is called unexplained; a fit to exchan
 MAX_NOISE, MAX_LEVEL, MAX_FLICKER = 2.0, 0.02, 0.01  # times the scene's; of full scale; relative
 SPREAD, ROLLED_DEG = 0.05, 5.0  # of the gains before a calibration, and of what hands hold
 MAX_OFF, MAX_TURN = 0.1, np.radians(10.0)  # of the range, and of a lamp that was placed by hand
+# Ratio of the range that is seen and that is told. Light falls by its square, so that a lamp may
+# differ from the scene's by a factor of 1.4: twice what is expected of a rig as bought.
+MAX_RANGE_RATIO = 1.4**0.5
+MAX_PEDESTAL = 0.5  # by how much darkness may differ from the scene's pedestal, relative
 MAX_ROLL_DEG = 20.0  # of several lamps that hands hold level
 WATER_INDEX = 1.34
 FULL = "at full scale: move the lamp away"
 NOISY = "noise {0:.3g} counts, of the scene {1:.3g}: loose contact, hum or oscillation"
+PEDESTAL = (
+    "darkness reads {:.4g} counts, and the scene's pedestal is {:.4g}: give the sender and the "
+    "scene the same (effects.pedestal or effects.demodulation.pedestal_counts)"
+)
 LEAKS = "reads {2:.3g} in the dark, the others {3:.3g}: cover it; else clean it"
 UNFIT = "does not fit the lamp's light: clean its window, check its gain and solder"
+
+
+class Verdict(NamedTuple):
+    """What an acceptance test found.
+
+    - detectors: what is wrong with each that failed, with its cure, by row and column.
+    - whole: what is wrong with the whole.
+    - dark_counts: median reading of darkness, and the scene's.
+    - seen: pose of the array behind the lamp, as in `Estimate`; ``None``: the light is of no pose.
+    """
+
+    detectors: dict[tuple[int, int], str]
+    whole: list[str]
+    dark_counts: tuple[float, float]
+    seen: Estimate | None = None
 
 
 class Acceptance(TorchSweeps):
@@ -47,6 +72,18 @@ class Acceptance(TorchSweeps):
         lit = self._lamp
         return bool(lit) and lit[-1][0] - lit[0][0] >= (SETTLE_S + LAMP_S) * 1e9
 
+    @property
+    def missing(self) -> str:
+        """What was not seen so far, as of the sweeps, and then of the lamp."""
+        if text := super().missing:
+            return text
+        if self.complete:
+            return ""
+        if not self._lamp:
+            return f"the lamp: {self._brightest()}; switch it on, aim it, and clear its way"
+        lit = (self._lamp[-1][0] - self._lamp[0][0]) * 1e-9
+        return f"the lamp: {lit:.2g} of {SETTLE_S + LAMP_S:g} s without a break were seen"
+
     def take(self, stamp_ns: int, image: Array) -> None:
         """Take one image, as `TorchSweeps` does, and then those of the lamp."""
         if self.wiring is None or self._background is None:
@@ -55,13 +92,14 @@ class Acceptance(TorchSweeps):
                 self._show(LAMP.format(self._range_m))
         elif not self.complete:
             readings = self._by_lamp(image)
-            if (readings.sum(axis=0) - self._background).max() > self._lit:
+            self._rise = float((readings.sum(axis=0) - self._background).max())
+            if self._rise > self._lit:
                 self._lamp.append((stamp_ns, readings))
             else:
                 self._lamp = []
 
-    def faults(self) -> tuple[dict[tuple[int, int], str], list[str]]:
-        """Return what is wrong, with its cure: of detectors by row and column, and of the whole."""
+    def verdict(self) -> Verdict:
+        """Return what is wrong, and where the lamp is seen from; once it is `complete`."""
         scene, side, wiring = self._scene, self._side, self.wiring
         model, full = ForwardModel(scene), scene.full_scale_counts
         stamps = np.array([stamp for stamp, _ in self._lamp])
@@ -80,13 +118,20 @@ class Acceptance(TorchSweeps):
         for wrong, text in ((bright, FULL), (noise > most, NOISY), (leaks, LEAKS)):
             for k, i in np.argwhere(wrong).tolist():
                 found[divmod(i, side)] = text.format(noise[k, i], sigma[k, i], level[k, i], middle)
-        whole = []
+        whole, darkness = [], (middle, model.noise.black)
+        # Daylight raises darkness, unless the readings are demodulated; nothing lowers it.
+        off = middle - model.noise.black
+        if -off > MAX_PEDESTAL * model.noise.black or (
+            "demodulation" in scene.effects and off > MAX_PEDESTAL * model.noise.black
+        ):
+            whole.append(PEDESTAL.format(*darkness))
         if steps.max() > 2.5 * np.median(steps):
             whole.append(f"a gap of {steps.max() * 1e-9:.2g} s between images: line or load")
         light = lamp.mean(axis=0) - level
         if dim := [k for k, each in enumerate(light) if each.max() < self._visible]:
             names = ", ".join(f"lamps[{k}]" for k in dim)
-            return found, [*whole, f"{names}: no light: switch it on, or check its channel"]
+            whole.append(f"{names}: no light: switch it on, or check its channel")
+            return Verdict(found, whole, darkness)
         total = lamp.sum(axis=2)
         noisy = reading_variance(lamp.mean(axis=0), own).sum(axis=1)
         flickers = np.sqrt(np.maximum(total.var(axis=0) - noisy, 0.0)) / light.sum(axis=1)
@@ -104,18 +149,32 @@ class Acceptance(TorchSweeps):
             seen = Estimator(placed, max_misfit=MAX_MISFIT).estimate(image)
         except NoPose as reason:
             cure = "detectors that read wrong, a reflection, exchanged lamps, or another beam"
-            return found, [*whole, f"the lamp's light is not explained: {reason}: {cure}"]
+            whole.append(f"the lamp's light is not explained: {reason}: {cure}")
+            return Verdict(found, whole, darkness)
         found = {**dict.fromkeys(seen.left_out, UNFIT), **found}
-        off = np.abs(seen.pose - [-self._range_m, 0, 0, 0, 0])
-        allowed = np.array([*[MAX_OFF * self._range_m] * 3, MAX_TURN, MAX_TURN])
         if abs(rolled := np.degrees(seen.roll)) > MAX_ROLL_DEG:
             whole.append(f"the lamps appear rolled by {rolled:.0f} deg: exchanged, or not level")
-        elif (off > allowed + 3 * np.sqrt(np.diag(seen.covariance))).any():
-            x, y, z = seen.pose[:3]
-            text = f"the lamp is seen from x {x:.2f}, y {y:.2f}, z {z:.2f} m, not from x "
-            cure = "measure again; else the lamp's power or beam is not the scene's"
-            whole.append(f"{text}{-self._range_m:g}: {cure}")
-        return found, whole
+        elif text := self._misplaced(seen):
+            whole.append(text)
+        return Verdict(found, whole, darkness, seen)
+
+    def _misplaced(self, seen: Estimate) -> str:
+        """Say what is wrong where the lamp is seen off its place; empty where it is not."""
+        told = self._range_m
+        x, y, z, *_ = seen.pose
+        text = f"the lamp is seen from x {x:.2f}, y {y:.2f}, z {z:.2f} m, not from x {-told:g}"
+        ratio = -x / told
+        if max(ratio, 1 / max(ratio, 1e-9)) > MAX_RANGE_RATIO:
+            return (
+                f"{text}: measure the distance again; if it is right, the light is "
+                f"{ratio**-2:.2g} times the scene's: correct lamp.reference_counts, or look at "
+                "lens and beam"
+            )
+        off = np.abs(seen.pose - [-told, 0, 0, 0, 0])[1:]
+        allowed = np.array([MAX_OFF * told, MAX_OFF * told, MAX_TURN, MAX_TURN])
+        if (off > allowed + 3 * np.sqrt(np.diag(seen.covariance)[1:])).any():
+            return f"{text}: aim lamp and array at each other, and measure again"
+        return ""
 
 
 def in_air(scene: Scene) -> Scene:

@@ -2,7 +2,9 @@
 
 A torch is moved close to the array, from port to starboard and then from top to bottom. A reading
 is brightest when the torch passes its detector, whatever the gain and the torch's other coordinate:
-the order of these moments is that of columns, and then of rows, which finds any permutation.
+the order of these moments is that of columns, and then of rows, which finds any permutation. Before
+a sphere this holds for a torch that follows its surface: detectors at the edge look aside, and see
+one that passes straight before the array too late.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,10 +21,11 @@ ROUNDING = 12**-0.5  # standard deviation of rounding, counts
 LIT_SIGMAS, LIT_SHARE = 8.0, 0.02
 MIN_IMAGES = 3  # for each column or row
 
-FIRST = "torch off: measuring the background"
+FIRST = "torch off: measuring the background for {:g} s"
 SWEEPS = (
-    "sweep 1 of 2: move the torch slowly, 10 to 20 cm in front of the array, from beyond its port "
-    "edge (at your right as you face it) to beyond its starboard edge; then switch it off",
+    "sweep 1 of 2: move the torch slowly, 15 to 30 cm from the array and, before a sphere, along "
+    "its surface and pointed at its middle, from beyond the port edge (at your right as you face "
+    "it) to beyond the starboard edge; then switch it off",
     "sweep 2 of 2: the same from above the top edge to below the bottom edge; then switch it off",
 )
 DONE = "both sweeps are complete"
@@ -45,8 +48,8 @@ class TorchSweeps:
         self._sweep: list[tuple[int, Array]] = []
         self._places: list[NDArray[np.intp]] = []  # column of each reading, then its row
         self._background: Array | None = None
-        self._lit_ns = 0
-        show(FIRST)
+        self._lit_ns, self._last_ns, self._rise = 0, 0, 0.0
+        show(FIRST.format(self.first_dark_s))
 
     @property
     def wiring(self) -> list[int] | None:
@@ -66,7 +69,7 @@ class TorchSweeps:
 
         ValueError where a sweep does not separate columns or rows, with what to do about it.
         """
-        readings = self._by_lamp(image)
+        readings, self._last_ns = self._by_lamp(image), stamp_ns
         if self._background is None:
             self._dark.append((stamp_ns, readings))
             if stamp_ns - self._dark[0][0] >= self.first_dark_s * 1e9:
@@ -77,11 +80,37 @@ class TorchSweeps:
                 self._show(SWEEPS[0])
             return
         light = readings.sum(axis=0) - self._background
-        if light.max() > self._lit:
+        self._rise = float(light.max())
+        if self._rise > self._lit:
             self._sweep.append((stamp_ns, np.maximum(light, 0.0)))
             self._lit_ns = stamp_ns
         elif self._sweep and stamp_ns - self._lit_ns >= DARK_S * 1e9 and self.wiring is None:
             self.end_sweep()
+
+    @property
+    def missing(self) -> str:
+        """What was not seen so far, and what to look at; empty where all was."""
+        if not self._dark:
+            return "no image: start the node that publishes them, and compare the topic's name"
+        if self._background is None:
+            seen = (self._last_ns - self._dark[0][0]) * 1e-9
+            return f"the background: {seen:.2g} of {self.first_dark_s:g} s of images were seen"
+        if self.wiring is not None:
+            return ""
+        name = f"sweep {len(self._places) + 1} of 2"
+        if self._sweep:
+            return f"the end of {name}: the torch was not off for {DARK_S:g} s"
+        return (
+            f"the torch of {name}: {self._brightest()}; hold it nearer, or look whether the array "
+            "has power"
+        )
+
+    def _brightest(self) -> str:
+        """Say how bright the last image is, and what would be seen."""
+        return (
+            f"the brightest reading is {self._rise:.3g} counts above the dark, and counts as lit "
+            f"above {self._lit:.3g}"
+        )
 
     def _by_lamp(self, image: Array) -> Array:
         return np.reshape(image, (-1, self._side**2))

@@ -24,9 +24,10 @@ from drawings import geometry
 from drawings import nodes as nodes_and_topics
 from scene_schema import scene_schema
 from schematic import schematic
+from sphere import sphere
 
 import uuv_optical_array
-from uuv_optical_array import nodes
+from uuv_optical_array import load_scene, nodes
 from uuv_optical_array.commands import build_parser
 from uuv_optical_array.core.settings import Quantity, Span, declared
 from uuv_optical_array.forward.effects import EFFECTS
@@ -57,7 +58,7 @@ READ_MORE = {
     "scenes": "tutorials/own_array.md",
     "render": "tutorials/own_array.md",
     "limits": "explanation/light.md",
-    "budget": "how_to/build_instrument.md",
+    "budget": "explanation/instrument.md",
     "calibrate": "tutorials/calibration.md",
     "commission": "how_to/hardware.md",
     "estimate": "how_to/replay.md",
@@ -639,6 +640,7 @@ def drawings() -> dict[str, str]:
         "geometry.svg": geometry(),
         "nodes.svg": nodes_and_topics(all_topics()),
         "schematic.svg": schematic(),
+        "sphere.svg": sphere(load_scene("follow")),
     }
 
 

@@ -1,15 +1,15 @@
 """The schematic of lamp, one channel and converter, as SVG, for ``docs/generate_reference.py``.
 
-Its values are the defaults of ``uuv_array budget``.
+Its values are the defaults of ``uuv_array budget`` and those of ``parts.py``.
 """
 
 import math
 
+import parts as fitted
 from drawings import GREY, INK, arrow, dot, line, picture, words
 
-from uuv_optical_array.forward.link_budget import Instrument
-
-FEEDBACK_F = 10e-12  # keeps the amplifier stable and its band below the converter's
+IT = fitted.IT
+REFERENCE = f"REF {1e3 * fitted.REFERENCE_V:.0f} mV"
 
 
 def box(x: float, y: float, width: float, height: float, *texts: str) -> list[str]:
@@ -58,81 +58,155 @@ def diode(x: float, y: float, light: bool) -> list[str]:
     return parts
 
 
+def net(x: float, y: float, text: str) -> list[str]:
+    """Return the end of a wire at a point, with the name of the net that it belongs to."""
+    return [dot(x, y, 5, fill="white", stroke=INK), words(x + 10, y + 5, text, font_size=13)]
+
+
+def amplifier(x: float, y: float) -> list[str]:
+    """Return an amplifier whose inverting input is at a point; the other is 38 below."""
+    corners = [(x, y - 22), (x, y + 60), (x + 80, y + 19)]
+    return [line(corners, True, fill="white"), words(x + 6, y + 6, "-"), words(x + 6, y + 44, "+")]
+
+
 def channel(x: float, y: float) -> list[str]:
     """Return photodiode, amplifier and the filter before the converter; the input is at (x, y)."""
-    it = Instrument()
-    band = 1 / (2 * math.pi * it.feedback_ohm * FEEDBACK_F)
-    node, out = x + 70, x + 230
+    band = 1 / (2 * math.pi * IT.feedback_ohm * fitted.FEEDBACK_F)
+    node, out = x + 70, x + 200
     return [
         *diode(x, y + 50, True),
         line([(x, y), (x, y + 41)]),
-        line([(x, y + 60), (x, y + 90)]),
-        *ground(x, y + 90),
-        words(x + 18, y + 66, it.part),
+        line([(x, y + 60), (x, y + 92)]),
+        *net(x, y + 96, "REF"),
+        words(x + 18, y + 66, IT.part),
         line([(x, y), (node + 50, y)]),
         dot(node, y),
-        line([(node + 50, y - 22), (node + 50, y + 60), (out - 30, y + 19)], True, fill="white"),
-        words(node + 56, y + 6, "-"),
-        words(node + 56, y + 44, "+"),
-        line([(node + 50, y + 39), (node + 20, y + 39), (node + 20, y + 66)]),
-        *ground(node + 20, y + 66),
-        words(node + 44, y + 80, "OPA4376"),
-        line([(node, y), (node, y - 95), (node + 45, y - 95)]),
-        *resistor(node + 45, y - 95, f"R {it.feedback_ohm / 1e6:g} MOhm"),
-        line([(node + 105, y - 95), (out, y - 95), (out, y + 19)]),
-        line([(node, y - 55), (node + 72, y - 55)]),
-        *capacitor(node + 75, y - 55, False),
-        line([(node + 78, y - 55), (out, y - 55)]),
-        words(node + 22, y - 29, f"C {FEEDBACK_F * 1e12:g} pF: {band / 1e3:.0f} kHz", font_size=13),
+        *amplifier(node + 50, y),
+        line([(node + 50, y + 39), (node + 20, y + 39), (node + 20, y + 92)]),
+        *net(node + 20, y + 96, "REF"),
+        words(node + 74, y + 76, "OPA376"),
+        line([(node, y), (node, y - 95), (node + 35, y - 95)]),
+        *resistor(node + 35, y - 95, f"{IT.feedback_ohm / 1e6:g} MOhm"),
+        line([(node + 95, y - 95), (out, y - 95), (out, y + 19)]),
+        line([(node, y - 55), (node + 62, y - 55)]),
+        *capacitor(node + 65, y - 55, False),
+        line([(node + 68, y - 55), (out, y - 55)]),
+        words(node + 12, y - 26, f"{fitted.FEEDBACK_F * 1e12:g} pF: {band / 1e3:.0f} kHz",
+              font_size=13),
         dot(node, y - 55),
         dot(out, y - 55),
-        line([(out - 30, y + 19), (out + 20, y + 19)]),
         dot(out, y + 19),
-        *resistor(out + 20, y + 19, "1 kOhm"),
-        line([(out + 80, y + 19), (out + 130, y + 19)]),
-        dot(out + 95, y + 19),
-        line([(out + 95, y + 19), (out + 95, y + 50)]),
-        *capacitor(out + 95, y + 53, True),
-        line([(out + 95, y + 56), (out + 95, y + 76)]),
-        *ground(out + 95, y + 76),
-        words(out + 52, y + 58, "1 nF", font_size=13),
-    ]
+        line([(out, y + 19), (out + 60, y + 19)]),
+        words(out + 8, y + 10, "OUT", font_size=13, fill=GREY),
+        *resistor(out + 60, y + 19, f"{fitted.FILTER_OHM / 1e3:g} kOhm"),
+        line([(out + 120, y + 19), (out + 190, y + 19)]),
+        dot(out + 145, y + 19),
+        line([(out + 145, y + 19), (out + 145, y + 48)]),
+        *capacitor(out + 145, y + 51, True),
+        line([(out + 145, y + 54), (out + 145, y + 92)]),
+        words(out + 102, y + 56, f"{fitted.FILTER_F * 1e9:g} nF", font_size=13),
+        line([(out + 145, y + 82), (out + 190, y + 82)]),
+        dot(out + 145, y + 82),
+        *net(out + 145, y + 96, "REF"),
+        words(out + 152, y + 12, "AINP", font_size=13),
+        words(out + 152, y + 75, "AINN", font_size=13),
+    ]  # fmt: skip
+
+
+def reference(x: float, y: float) -> list[str]:
+    """Return the divider and the follower that make the reference of all channels."""
+    upper, lower = (f"{ohm / 1e3:g} kOhm" for ohm in fitted.DIVIDER_OHM)
+    return [
+        words(x, y + 5, "3.3 V"),
+        line([(x + 44, y), (x + 60, y)]),
+        *resistor(x + 60, y, upper),
+        line([(x + 120, y), (x + 200, y)]),
+        dot(x + 140, y),
+        line([(x + 140, y), (x + 140, y + 20)]),
+        *box(x + 133, y + 20, 14, 36),
+        words(x + 76, y + 44, lower, font_size=13),
+        line([(x + 140, y + 56), (x + 140, y + 66)]),
+        *ground(x + 140, y + 66),
+        dot(x + 175, y),
+        line([(x + 175, y), (x + 175, y + 30)]),
+        *capacitor(x + 175, y + 33, True),
+        line([(x + 175, y + 36), (x + 175, y + 66)]),
+        *ground(x + 175, y + 66),
+        words(x + 188, y + 56, "10 uF", font_size=13),
+        *amplifier(x + 200, y - 39),
+        line([(x + 200, y - 39), (x + 186, y - 39), (x + 186, y - 72), (x + 300, y - 72),
+              (x + 300, y - 20), (x + 280, y - 20)]),
+        dot(x + 300, y - 20),
+        line([(x + 300, y - 20), (x + 316, y - 20)]),
+        *net(x + 320, y - 20, REFERENCE),
+        words(x + 226, y + 36, "OPA376"),
+    ]  # fmt: skip
+
+
+def supply(x: float, y: float) -> list[str]:
+    """Return what is made of the vehicle's bus."""
+    low, high = fitted.BUS_V
+    return [
+        *box(x, y, 120, 50, "vehicle bus", f"{low:g} to {high:g} V"),
+        arrow((x + 120, y + 25), (x + 150, y + 25)),
+        *box(x + 150, y, 120, 50, "TSR 1-2450", f"{fitted.LOGIC_V:g} V"),
+        arrow((x + 270, y + 25), (x + 310, y + 25)),
+        *box(x + 310, y, 220, 50, "Teensy 4.1, whose 3.3 V has", "MAX3485E and DVDD"),
+        line([(x + 290, y + 25), (x + 290, y + 95)]),
+        dot(x + 290, y + 25),
+        arrow((x + 290, y + 95), (x + 310, y + 95)),
+        *box(x + 310, y + 70, 220, 50, f"LP5907: {fitted.ANALOG_V:g} V for amplifiers,",
+             "AVDD and the oscillator"),
+    ]  # fmt: skip
+
+
+def lamp(x: float, y: float) -> list[str]:
+    """Return battery, current source, LED and optics."""
+    low, high = fitted.BUS_V
+    return [
+        *box(x, y, 120, 60, "vehicle bus", f"{low:g} to {high:g} V"),
+        arrow((x + 120, y + 30), (x + 166, y + 30)),
+        *box(x + 166, y, 150, 60, "LDD-700H", f"{fitted.DRIVER_A:g} A"),
+        line([(x + 316, y + 15), (x + 396, y + 15), (x + 396, y + 21)]),
+        words(x + 322, y + 10, "-Vout", font_size=13),
+        *diode(x + 396, y + 30, False),
+        line([(x + 396, y + 40), (x + 396, y + 45), (x + 316, y + 45)]),
+        words(x + 322, y + 60, "+Vout", font_size=13),
+        words(x + 300, y + 84, f"L1C1-GRN1, {IT.wavelength_nm:g} nm, {IT.lamp_w:g} W of light",
+              font_size=14),
+        *box(x + 452, y, 130, 60, "collimator and", "flat window"),
+        words(x + 600, y + 35, "beam", fill=GREY),
+    ]  # fmt: skip
 
 
 def schematic() -> str:
     """Return the schematic."""
-    it = Instrument()
-    parts = [
-        words(24, 40, "lamp, on the leader", font_weight="bold"),
-        *box(24, 60, 120, 60, "battery or", "vehicle bus"),
-        arrow((144, 90), (190, 90)),
-        *box(190, 60, 160, 60, "current source,", "ripple below 0.1 %"),
-        line([(350, 75), (420, 75), (420, 81)]),
-        *diode(420, 90, False),
-        line([(420, 100), (420, 105), (350, 105)]),
-        words(372, 136, f"LED {it.wavelength_nm:g} nm, {it.lamp_w:g} W of light", font_size=14),
-        *box(476, 60, 130, 60, "lens and", "flat window"),
-        words(630, 95, "beam", fill=GREY),
-        words(24, 200, "one of 25 channels, on the follower", font_weight="bold"),
+    bold = {"font_weight": "bold"}
+    drawn = [
+        words(24, 40, "lamp, on the leader", **bold),
+        *lamp(24, 60),
+        words(24, 200, "one of 25 detectors: on its disc", **bold),
+        words(330, 200, "on the main board", **bold),
+        line([(310, 205), (310, 450)], stroke=GREY, stroke_dasharray="5 4"),
         *channel(90, 330),
-        *box(450, 300, 130, 100, "4 x ADS131M08", "24 bit, 4 kS/s,", "in step"),
-        arrow((580, 350), (640, 350)),
+        *box(480, 300, 140, 130, "4 x ADS131M08", "24 bit, 4 kS/s,", "in step"),
+        arrow((620, 350), (660, 350)),
+        words(624, 342, "SPI", font_size=13),
         *box(
-            640,
-            300,
-            170,
-            100,
-            "microcontroller:",
-            f"mean of {1e3 * it.average_s:g} ms,",
-            "array_sender.c",
+            660, 300, 170, 100,
+            "Teensy 4.1: mean of",
+            f"{1e3 * IT.average_s:g} ms, pedestal {IT.pedestal_counts},",
+            "array_firmware.c",
         ),
-        arrow((810, 350), (850, 350)),
-        *box(850, 315, 90, 70, "RS-485", "driver"),
-        arrow((940, 350), (990, 350)),
-        *box(990, 315, 110, 70, "computer:", "serial node"),
-        line([(515, 470), (515, 400)], stroke=INK, marker_end="url(#head)"),
-        *box(425, 470, 175, 40, "one quartz, 8.192 MHz"),
-        line([(600, 490), (725, 490), (725, 400)], marker_end="url(#head)"),
-        words(735, 470, "time of the exposure", font_size=13, fill=GREY),
-    ]
-    return picture(1120, 530, parts)
+        arrow((830, 350), (870, 350)),
+        *box(870, 315, 100, 70, "MAX3485E"),
+        arrow((970, 350), (1010, 350)),
+        *box(1010, 315, 100, 70, "computer:", "serial node"),
+        line([(550, 470), (550, 430)], stroke=INK, marker_end="url(#head)"),
+        *box(425, 470, 250, 40, f"oscillator, {fitted.CLOCK_HZ / 1e6:g} MHz, to all CLKIN"),
+        words(24, 560, "reference of all channels", **bold),
+        *reference(24, 640),
+        words(560, 560, "supplies of the array", **bold),
+        *supply(560, 580),
+    ]  # fmt: skip
+    return picture(1130, 730, drawn)

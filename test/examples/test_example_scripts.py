@@ -1,6 +1,5 @@
 """The scripts of ``examples/`` run as they stand, and find what they made."""
 
-import re
 import runpy
 from pathlib import Path
 
@@ -45,15 +44,21 @@ def test_a_track_is_nearer_to_the_truth_than_its_frames(run, compiled_fit, tmp_p
 
 def test_detectors_look_along_the_radius_of_their_sphere(run, capsys):
     scene = run("detectors")["scene"].array
-    lines = capsys.readouterr().out.splitlines()
+    _, *lines = capsys.readouterr().out.splitlines()
     assert len(lines) == scene.detectors_per_side**2
-    for line in lines:
-        *place, yaw, pitch = (float(number) for number in re.findall(r"-?\d+\.\d+", line))
+    for i, line in enumerate(lines):
+        number, row, column, *rest = line.split()
+        assert (int(number), int(row), int(column)) == (i, *divmod(i, 5))
+        *place, yaw, pitch, tilt = map(float, rest[:6])
         yaw, pitch = np.radians([yaw, pitch])
         ray = [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch)]
-        np.testing.assert_allclose(place, scene.radius_m * np.array(ray), atol=1e-4)
+        # Figures are printed to 0.1 mm and 0.1 deg, which is 0.6 mm on the sphere.
+        np.testing.assert_allclose(place, 1e3 * scene.radius_m * np.array(ray), atol=0.6)
+        assert np.cos(np.radians(tilt)) == pytest.approx(ray[0], abs=2e-3)
+        assert rest[-2:] == [f"U{1 + i // 8}", f"AIN{i % 8}"]
     # The first is above and to port.
-    assert min(float(word) for word in lines[0].split()[1:3]) > 0
+    assert min(float(word) for word in lines[0].split()[4:6]) > 0
+    assert len({tuple(line.split()[-2:]) for line in lines}) == 25, "one input each"
 
 
 def test_they_are_short():

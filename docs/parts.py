@@ -47,7 +47,7 @@ CLOCK_HZ, CLOCK_A, OVERSAMPLING = 8.192e6, 15e-3, 1024
 LDO_IN_V, LDO_A, LDO_K_PER_W, LDO_MOST_C = (2.2, 5.5), 0.25, 193.0, 125.0
 STEP_IN_V, STEP_A = (6.5, 36.0), 1.0
 # Teensy 4.1 (PJRC) at 600 MHz, and MAX3485E (Maxim 19-3290) on a line of 54 ohm.
-BOARD_V, BOARD_A, SPI_HZ, BAUD = (3.6, 5.5), 0.1, 15e6, 921_600
+BOARD_V, BOARD_A, BOARD_OUT_A, SPI_HZ, BAUD = (3.6, 5.5), 0.1, 0.25, 15e6, 921_600
 LINE_BAUD, LINE_A = 12e6, 3.3 / 54
 CORES, CORES_FOR_ALL = 8, 3  # of a row's cable; of them supply, ground and reference
 
@@ -157,6 +157,8 @@ def checks() -> list[Check]:
         Check("3.3 V: regulator's junction", IN_HOUSING_C + LDO_K_PER_W * analog_a
               * (LOGIC_V - ANALOG_V), 0, LDO_MOST_C, "deg C"),
         Check("5 V: current", analog_a + BOARD_A + LINE_A, 0, STEP_A, "A"),
+        Check("microcontroller: current from its 3.3 V", LINE_A + 4 * CONVERTER_A, 0,
+              BOARD_OUT_A, "A"),
         Check("5 V: microcontroller's supply", LOGIC_V, *BOARD_V, "V"),
         Check("5 V: regulator's least supply", BUS_V[0], STEP_IN_V[0], none, "V"),
         Check("5 V: regulator's largest supply", BUS_V[1], 0, STEP_IN_V[1], "V"),

@@ -20,7 +20,7 @@ PARTS = {
         Part("green LED on a 20 mm star board", "Lumileds L1C1-GRN1000000000", 1, 8),
         Part("collimator, 25 deg FWHM in air", "by the LED's list of Carclo or LEDiL", 1, 6),
         Part("current source", "Mean Well LDD-700H", 1, 8),
-        Part("housing of aluminium, flat acrylic front", "2 in enclosure, 100 m", 1, 120),
+        Part("housing of aluminium, flat acrylic front", "Blue Robotics 2 in series", 1, 120),
     ),
     "each of 25 detectors (and 3 spare)": (
         Part("photodiode, clear (not FA: that one has a filter)", "Vishay BPW34", 28, 28),
@@ -43,9 +43,14 @@ PARTS = {
     "hull and cables": (
         Part("carrier in four quarters of ASA, and its plate", "from the drawing", 1, 150),
         Part("clear epoxy for potting, 0.5 kg", "low-viscosity, for optics", 1, 40),
-        Part("housing of the main board", "4 in enclosure, 100 m", 1, 230),
+        Part("housing of the main board", "Blue Robotics 4 in series", 1, 230),
         Part("cable of a row, four pairs, 1 m", "Cat 5e, polyurethane", 5, 15),
-        Part("penetrator, one each for rows, lamp and line", "M10, for 6.5 mm", 8, 90),
+        Part(
+            "penetrator, one each for rows, lamp and line",
+            "WetLink, M10, 6.5 mm",
+            8,
+            90,
+        ),
         Part("line, four cores, 20 m", "twisted pairs, polyurethane", 1, 60),
         Part("adapter at the computer", "FTDI USB-RS485-WE-1800-BT", 1, 35),
     ),

@@ -87,25 +87,31 @@ def report(scene: Scene, instrument: Instrument, base: str) -> str:
 
 
 def draw(scene: Scene) -> Any:
-    """Draw counts and noise, and the bound, by the range."""
-    figure = new_figure(10, 5.6)
-    counts, bounds = figure.subplots(1, 2)
+    """Draw counts and noise, and the bounds in m and in degrees, by the range."""
+    figure = new_figure(13, 5.6)
     light, noise, x, across, angle = rows(scene, DRAWN_M).T
-    light_of = {"brightest reading": light, "its noise": noise}
-    bound_of = {"range (m)": x, "across (m)": across, "angle (deg) / 50": angle / 50}
-    for axes, curves, limit, label in (
-        (counts, light_of, scene.full_scale_counts, "full scale"),
-        (bounds, bound_of, SPECIFICATION[0], "0.2 m and 10 deg (paper)"),
-    ):
-        for (name, curve), style in zip(curves.items(), ("-", "--", "-."), strict=False):
+    full, black = scene.full_scale_counts, scene.black_counts
+    most_m, most_deg = SPECIFICATION[0], SPECIFICATION[-1]
+    panels = (
+        ("counts", {"brightest reading": light, "its noise": noise}, full, "full scale"),
+        ("m", {"range": x, "across": across}, most_m, f"{most_m:g} m (paper)"),
+        ("deg", {"angle": angle}, most_deg, f"{most_deg:g} deg (paper)"),
+    )
+    for axes, (unit, curves, limit, label) in zip(figure.subplots(1, 3), panels, strict=True):
+        for (name, curve), style in zip(curves.items(), ("-", "--"), strict=False):
             axes.plot(DRAWN_M, curve, style, lw=2, label=name)
         axes.axhline(limit, color="k", lw=1, ls=":", label=label)
+        if unit == "counts" and black:
+            axes.axhline(black, color="grey", lw=1, ls="-.", label="darkness")
+        if (light > full).any():
+            nearest = DRAWN_M[light > full].max()
+            name = "a detector at full scale" if unit == "counts" else None
+            axes.axvspan(DRAWN_M[0], nearest, color="0.9", zorder=0, label=name)
         axes.set(xscale="log", yscale="log", xlabel="base_link behind the lamp (m)")
+        axes.set_ylabel(unit if unit == "counts" else f"least std of one image ({unit})")
         axes.set_xticks([1, 2, 3, 5, 10, 20], ["1", "2", "3", "5", "10", "20"])
         axes.grid(alpha=0.4)
         axes.legend()
-    counts.set_ylabel("counts")
-    bounds.set(ylabel="least std of one image", ylim=(1e-3, 10))
     figure.suptitle(f"Link budget in the water of {scene.name}")
     return figure
 

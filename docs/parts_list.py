@@ -52,6 +52,7 @@ PARTS = {
             90,
         ),
         Part("line, four cores, 20 m", "twisted pairs, polyurethane", 1, 60),
+        Part("fuse of 1 A, with its holder", "any", 2, 6),
         Part("adapter at the computer", "FTDI USB-RS485-WE-1800-BT", 1, 35),
     ),
     "to test and calibrate": (

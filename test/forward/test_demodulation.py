@@ -88,7 +88,9 @@ def test_a_pedestal_is_added_behind_gains_and_has_no_shot_noise():
     gains = 1 + 0.01 * np.arange(25.0).reshape(5, 5)
     np.testing.assert_allclose(model.with_gains(raised, gains), gains * light + 70, rtol=1e-12)
     still = np.zeros((1, 5)), np.zeros(1), None
-    seen = CalibrationLikelihood(model.scene, raised[None], *still).readings[0]
+    calibration = CalibrationLikelihood(model.scene, raised[None], *still)
+    np.testing.assert_allclose(calibration.model.light([-1e6, 0, 0, 0, 0]), 0, atol=1e-6)
+    seen = calibration.readings[0]
     np.testing.assert_allclose(seen, light.ravel(), rtol=1e-12)
     with pytest.raises(ValueError, match=r"effects.pedestal: demodulation has its own"):
         scene_with(pedestal={"level_counts": 70.0})

@@ -2,6 +2,9 @@
 
 Each figure of a data sheet stands here once, beside those of ``uuv_array budget`` and of the
 firmware's header, from which the rest is computed. The schematic draws the same figures.
+
+As commonly quoted, from sheets that we could not check: the LED's flux, swing, offset and bias of
+OPA376, BPW34's capacitance, and all of LP5907, MAX3485E and Teensy 4.1.
 """
 
 import math

@@ -105,8 +105,8 @@ def draw(scene: Scene) -> Any:
             axes.axhline(black, color="grey", lw=1, ls="-.", label="darkness")
         if (light > full).any():
             nearest = DRAWN_M[light > full].max()
-            name = "a detector at full scale" if unit == "counts" else None
-            axes.axvspan(DRAWN_M[0], nearest, color="0.9", zorder=0, label=name)
+            shaded = "a detector at full scale" if unit == "counts" else None
+            axes.axvspan(DRAWN_M[0], nearest, color="0.9", zorder=0, label=shaded)
         axes.set(xscale="log", yscale="log", xlabel="base_link behind the lamp (m)")
         axes.set_ylabel(unit if unit == "counts" else f"least std of one image ({unit})")
         axes.set_xticks([1, 2, 3, 5, 10, 20], ["1", "2", "3", "5", "10", "20"])

@@ -139,6 +139,14 @@ def test_pose_rate_constants_and_gains_are_those_of_the_textbooks_filter(seed, d
     assert_is(fed(tracker, stamps, readings), *textbook(stamps, readings, detectors))
 
 
+def test_a_track_begins_with_readings_as_linearised_at_their_best_fit():
+    stamps, readings = frames(0, 9, 1)
+    elsewhere = readings[0]._replace(residuals=readings[0].residuals + 3.0)
+    tracker = Tracker(DRIFTING, constants=constants(9))
+    tracker.take(stamps[0], readings[0].at[:5], SHARP, readings[0], lambda at: elsewhere)
+    assert_is(tracker.track(), *textbook(stamps, readings, 9))
+
+
 def test_of_many_detectors_those_of_a_block_have_one_gain_error():
     count, size = 14 * 14, 7 * 7
     _, readings = frames(2, count, 1)

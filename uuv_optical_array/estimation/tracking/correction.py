@@ -104,7 +104,9 @@ class Correction:
         mean, covariance = belief.mean.copy(), belief.covariance.copy()
         if frame.readings is not None:
             mean[POSE] = frame.readings.at[:5]
-            return self.correct(belief._replace(mean=mean), frame).belief()
+            # Linear at their best fit: far from it, as at the prior's constants, they mislead.
+            as_fitted = frame._replace(relinearise=None)
+            return self.correct(belief._replace(mean=mean), as_fitted).belief()
         root, by_biases = self._pose_errors(frame)
         both = by_biases @ covariance[STATE:, STATE:]
         mean[POSE] = frame.pose - by_biases @ mean[STATE:]

@@ -230,7 +230,7 @@ def test_bags_that_are_none_are_refused_in_one_line(recorded, tmp_path):
     assert "it is empty" in run(*command(empty, tmp_path), code=1)
     assert "no such file" in run(*command(tmp_path / "nowhere", tmp_path), code=2)
     (tmp_path / "folder").mkdir()
-    assert "metadata" in run(*command(tmp_path / "folder", tmp_path), code=1)
+    assert "no file .mcap or .db3" in run(*command(tmp_path / "folder", tmp_path), code=1)
     typed = write_bag(tmp_path / "typed", recorded[:30])
     line = run(*command(typed, tmp_path, "--set", f"image_topic={LEADER}"), code=1)
     assert f"{LEADER} is nav_msgs/msg/Odometry, not sensor_msgs/msg/Image" in line
@@ -313,7 +313,7 @@ def test_it_reports_and_draws_without_ros(bag, tmp_path):
 
 
 def test_it_names_the_extra_that_it_needs(bag, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "rosbags.highlevel.anyreader", None)
+    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     assert "-m pip install 'rosbags>=0.10'" in run(*command(bag, tmp_path), code=1)
 
 

@@ -18,6 +18,7 @@ from uuv_optical_array.recording.images import read_recording
 pytestmark = rosbags
 IMAGES, SIDE = 30, 300  # 180 kB each: six to a chunk
 ARRAY = ArraySettings("planar", SIDE)
+IMAGES_OF_ALL = {"/array/image": "sensor_msgs/msg/Image"}
 
 
 def image(i):
@@ -79,10 +80,10 @@ def test_a_file_that_is_cut_off_is_read_in_the_order_of_its_times(tmp_path, pack
     bag = write_bag(tmp_path / "drive", sent, "MCAP", packed=packed, times=times)
     file = bag / "drive.mcap"
     file.write_bytes(file.read_bytes()[:-9])
-    with opened(bag) as (reader, lost):
-        assert lost == ["the end of drive.mcap, which is cut off or damaged"]
-        found = [(time, data) for _, time, data in reader.messages()]
-    assert found == sorted((time, data) for time, (_, data) in zip(times, sent, strict=True))
+    with opened(bag) as held:
+        found = [(time, message.data[0]) for time, _, message in held.messages(IMAGES_OF_ALL)]
+        assert dict(held.lost) == {"the end of drive.mcap, which is cut off or damaged": 1}
+    assert found == sorted((time, i) for i, time in enumerate(times))
 
 
 def test_of_packed_chunks_the_whole_ones_are_read(tmp_path):
@@ -133,8 +134,9 @@ def test_what_is_written_is_a_bag_even_where_the_run_ends_badly(sent, tmp_path):
     assert read(tmp_path / "bag") == ([0, 1, 2], {})
     with pytest.raises(ValueError, match="it exists"):
         BagWriter(tmp_path / "bag")
-    with opened(tmp_path / "bag") as (reader, _):
-        assert [bytes(data) for _, _, data in reader.messages()] == [data for _, data in sent[:3]]
+    with opened(tmp_path / "bag") as held:
+        found = [message.header.stamp.nanosec for *_, message in held.messages(IMAGES_OF_ALL)]
+    assert found == [0, 10**8, 2 * 10**8]
 
 
 @pytest.fixture(scope="module")

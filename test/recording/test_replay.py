@@ -26,7 +26,7 @@ from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.shared.messages import image_to_message, twist_to_message
-from uuv_optical_array.recording.bag import opened
+from uuv_optical_array.recording.bag import RUN, opened
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.replay import CHUNK_FRAMES, replay
 from uuv_optical_array.recording.results import write_results
@@ -146,12 +146,11 @@ def test_what_is_written_reads_back_by_other_readers(drive, estimator, tmp_path)
     first = (tmp_path / "relative_pose.tum").read_text().split()[0]
     assert first == "1700000000.000000000"
 
-    with opened(tmp_path / "bag") as (reader, _):
+    with opened(tmp_path / "bag") as held:
         heard = {"/relative_pose": {}, "/relative_odometry": {}}
-        for connection, _, data in reader.messages():
-            message = reader.deserialize(data, connection.msgtype)
+        for _, channel, message in held.messages({name: RUN[name[1:]] for name in heard}):
             stamp = message.header.stamp
-            heard[connection.topic][stamp.sec * 10**9 + stamp.nanosec] = message
+            heard[channel.topic][stamp.sec * 10**9 + stamp.nanosec] = message
     for by_stamp in heard.values():
         assert list(by_stamp) == [stamps[i] for i in posed]
     message = heard["/relative_odometry"][stamps[1]]

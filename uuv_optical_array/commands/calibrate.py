@@ -109,7 +109,7 @@ def report(result: Calibration, recording: Recording, path: Path, start: str, at
         f"bag {path}: {len(seconds)} images in {np.ptp(seconds):.1f} s{at}, base_link "
         f"{ranges.min():.2f} to {ranges.max():.2f} m from the lamp, up to {off.max():.1f} deg off "
         "its axis",
-        *(f"  left out: {count} x {reason}" for reason, count in recording.refused.most_common()),
+        *(f"  {line}" for line in recording.left_out),
         "",
         f"{'parameter':<27}{'start: ' + start:>12}{'fitted':>14}{'std error':>12}  unit",
         *map(_row, result.parameters),

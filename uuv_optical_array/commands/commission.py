@@ -121,6 +121,8 @@ def run(args: argparse.Namespace) -> int:
     else:
         as_wired = dataclasses.replace(scene, array=array)
         recording = bag.read_bag(args, as_wired, poses_needed=False)
+        for line in recording.left_out:
+            print(line)
         for stamp, image in zip(recording.stamps_ns, recording.images, strict=True):
             sweeps.take(int(stamp), image)
         sweeps.end_sweep()

@@ -80,7 +80,7 @@ def report(frames: Sequence[Answer], recording: Recording, took_s: float, tracke
     lines = [
         f"{len(frames)} images of {span_s:.1f} s in {took_s:.2f} s, {span_s / took_s:.0f} times as "
         f"fast as they were taken: {len(posed)} poses",
-        *(f"  left out: {count} x {reason}" for reason, count in recording.refused.most_common()),
+        *(f"  {line}" for line in recording.left_out),
     ]
     reasons = Counter(frame.reason.partition(":")[0] for frame in frames if frame.reason)
     lines += [f"  no pose: {count} x {reason}" for reason, count in reasons.most_common()]

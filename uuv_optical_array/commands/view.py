@@ -63,6 +63,8 @@ def run(args: argparse.Namespace) -> int:
             raise options.OptionError(f"--set {name}: no bag is read; name one, or leave it out")
     scene = options.scene_of(args)
     recording = bag.read_bag(args, scene, poses_needed=False) if args.bag else None
+    for line in recording.left_out if recording else ():
+        print(line)
     with ExitStack() as stack:
         title = args.bag.name if args.bag else f"simulation of {scene.name}"
         page = Page(scene, f"uuv_optical_array: {title}", *args.address)

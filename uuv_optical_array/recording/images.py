@@ -1,6 +1,6 @@
 """Images of a recorded bag with their true poses by its odometries, commands and states."""
 
-from bisect import insort
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from uuv_optical_array.core import messages
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.messages import Axes, Readout, Refused
 from uuv_optical_array.core.settings import Place, Quantity
-from uuv_optical_array.recording.bag import IMAGE, ODOMETRY, STATUS, TWIST, opened
+from uuv_optical_array.recording.bag import IMAGE, ODOMETRY, STATUS, TWIST, Bag, opened
 
 CLOCK_RESET_NS = 1_000_000_000  # no message is so late: the clock was set back
 
@@ -41,6 +41,11 @@ class Recording:
         """Stamps of the images, s, shape ``(m,)``."""
         return self.stamps_ns.astype(float) * 1e-9
 
+    @property
+    def left_out(self) -> list[str]:
+        """What of the bag is not here, a line each, most first."""
+        return [f"left out: {count} x {reason}" for reason, count in self.refused.most_common()]
+
 
 @dataclass
 class _Stream:
@@ -51,13 +56,17 @@ class _Stream:
     frames: set[str] = field(default_factory=set)
 
     def add(self, header: Any, value: Any) -> None:
+        """Add a value, or refuse one more of a stamp; ValueError where the clock was set back."""
         stamp = messages.stamp_ns(header)
         if self.samples and stamp < self.samples[-1][0] - CLOCK_RESET_NS:
             raise ValueError(
                 f"{self.topic}: stamps go back from {self.samples[-1][0] * 1e-9:.3f} to "
                 f"{stamp * 1e-9:.3f} s: the clock was set back; record each run in a bag of its own"
             )
-        insort(self.samples, (stamp, value), key=itemgetter(0))
+        place = bisect_right(self.samples, stamp, key=itemgetter(0))
+        if place and self.samples[place - 1][0] == stamp:
+            raise Refused("duplicate stamp")
+        self.samples.insert(place, (stamp, value))
         self.frames.add(header.frame_id)
 
     def span(self) -> str:
@@ -82,15 +91,15 @@ class _Stream:
         return at
 
 
-def _connections(reader: Any, name: str, msgtype: str, kind: str) -> list[Any]:
+def _check(bag: Bag, name: str, msgtype: str, kind: str) -> None:
+    """Refuse a bag without a topic of a type."""
     cure = f"name another by --set {kind}_topic=TOPIC"
-    types = {connection.topic: connection.msgtype for connection in reader.connections}
-    if name not in types:
-        held = ", ".join(f"{known} ({kind})" for known, kind in sorted(types.items()))
-        raise ValueError(f"no topic {name}; it holds {held or 'none'}; {cure}")
-    if types[name] != msgtype:
-        raise ValueError(f"{name} is {types[name]}, not {msgtype}; {cure}")
-    return [connection for connection in reader.connections if connection.topic == name]
+    kinds = {channel.kind for channel in bag.counts if channel.topic == name}
+    if not kinds:
+        known = sorted(f"{channel.topic} ({channel.kind})" for channel in bag.counts)
+        raise ValueError(f"no topic {name}; it holds {', '.join(known) or 'none'}; {cure}")
+    if msgtype not in kinds:
+        raise ValueError(f"{name} is {' and '.join(sorted(kinds))}, not {msgtype}; {cure}")
 
 
 def read_recording(
@@ -111,7 +120,8 @@ def read_recording(
 ) -> Recording:
     """Read the images of a bag, and their poses from both odometries.
 
-    These are interpolated, never extrapolated. Invalid messages are left out and counted.
+    These are interpolated, never extrapolated. What is left out, and what is
+    missing by the bag's own counts, is counted in `Recording.refused`.
 
     - path: as of `opened`.
     - array: the array that every image must be of.
@@ -123,50 +133,45 @@ def read_recording(
       odometries in two frames, a clock that was set back, or a bag without a valid image.
     - FileNotFoundError: where there is no such bag.
     """
-    refused: Counter[str] = Counter()
-    with opened(path) as (reader, lost):
-        refused.update(lost)
-        if not reader.message_count:
-            raise ValueError("; ".join(["it is empty", *lost]))
-        streams, connections = {}, []
+    with opened(path) as bag:
+        if not bag.counts.total():
+            raise ValueError("; ".join(["it is empty", *bag.lost]))
+        streams, wanted = {}, {}
         topics = {"image": image_topic, "leader": leader_topic, "follower": follower_topic}
         for kind, topic in topics.items():
             name, msgtype = "/" + topic.strip("/"), IMAGE if kind == "image" else ODOMETRY
-            if poses_needed or msgtype == IMAGE or name in reader.topics:
-                connections += _connections(reader, name, msgtype, kind)
+            held = {channel.topic for channel in bag.counts}
+            if poses_needed or msgtype == IMAGE or name in held:
+                _check(bag, name, msgtype, kind)
+                wanted[name] = msgtype
             streams[name] = _Stream(name)
         if len(streams) < 3:
             raise ValueError("leader and follower have one topic; name both")
         image, leader, follower = streams.values()
         commands = _Stream("/" + commands_topic.strip("/"))
         streams.setdefault(commands.topic, commands)
-        connections += [
-            c for c in reader.connections if (c.topic, c.msgtype) == (commands.topic, TWIST)
-        ]
-        told = "/" + states_topic.strip("/"), STATUS
-        connections += [c for c in reader.connections if (c.topic, c.msgtype) == told]
+        wanted.setdefault(commands.topic, TWIST)
+        wanted.setdefault("/" + states_topic.strip("/"), STATUS)
         states: set[State] = set()  # each is told again and again
-        for connection, _, data in progress(reader.messages(connections)):
-            message = reader.deserialize(data, connection.msgtype)
+        for _, channel, message in progress(bag.messages(wanted)):
             try:
-                if connection.msgtype == STATUS:
+                if channel.kind == STATUS:
                     states.add(state_from_status(message))
                     continue
-                if connection.msgtype == IMAGE:
+                if channel.kind == IMAGE:
                     value: Any = messages.image_from_message(message, array, lamps)
-                elif connection.msgtype == TWIST:
+                elif channel.kind == TWIST:
                     value = messages.twist_from_message(message)
                 else:
                     value = messages.odometry_pose(message, odometry_axes)
+                streams[channel.topic].add(message.header, value)
             except Refused as reason:
                 # Counted by kind: the values of odometries and commands differ.
                 text = str(reason)
-                kind = text if connection.msgtype == IMAGE else text.partition(":")[0]
-                refused[f"{connection.topic}: {kind}"] += 1
-                continue
-            streams[connection.topic].add(message.header, value)
+                kind = text if channel.kind == IMAGE else text.partition(":")[0]
+                bag.lost[f"{channel.topic}: {kind}"] += 1
         beacon = np.array(beacon_position_m)
-        recording = _with_poses(image, leader, follower, beacon, max_gap_s, refused, poses_needed)
+        recording = _with_poses(image, leader, follower, beacon, max_gap_s, bag.lost, poses_needed)
     recording.commands.extend((stamp, *twist) for stamp, twist in commands.samples)
     recording.states.extend(sorted(states, key=attrgetter("since_s")))
     return recording
@@ -190,9 +195,6 @@ def _with_poses(
     images, poses, rolls = [], [], []
     stamps: list[int] = []
     for stamp, pixels in image.samples:
-        if stamps and stamp == stamps[-1]:
-            refused[f"{image.topic}: duplicate stamp"] += 1
-            continue
         try:
             leader_position, leader_rotation = leader_at(stamp)
             beacon = leader_position + leader_rotation @ beacon_position_m

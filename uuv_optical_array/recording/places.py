@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import math
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +23,10 @@ def with_places(recording: Recording, path: Path) -> tuple[Recording, Array, NDA
     """Return the images of a recording that a table names, with the poses that it gives them.
 
     With them come the poses' standard deviations, m and rad, ``(m, 5)``, and each image's place,
-    its row of the table from 0 on, ``(m,)``. The table is CSV with the columns that the help of
-    ``uuv_array calibrate`` explains; lines that begin with # are comments. ValueError, with the
-    line, for any other table, and for a row without images or with those of another row; OSError
-    for a file that cannot be opened.
+    its row of the table from 0 on, ``(m,)``. Images that no row names are counted as left out. The
+    table is CSV with the columns that the help of ``uuv_array calibrate`` explains; lines that
+    begin with # are comments. ValueError, with the line, for any other table, and for a row without
+    images or with those of another row; OSError for a file that cannot be opened.
     """
     seconds = (recording.stamps_ns - recording.stamps_ns[0]) * 1e-9
     chosen: dict[int, int] = {}
@@ -38,6 +39,9 @@ def with_places(recording: Recording, path: Path) -> tuple[Recording, Array, NDA
             raise ValueError(f"{path}: line {line}: {fault}; {held}")
         chosen |= dict.fromkeys(images, place)
     index = np.array(sorted(chosen), dtype=np.intp)
+    refused = Counter(recording.refused)
+    if unplaced := len(seconds) - len(index):
+        refused[f"images of no line of {path.name}"] = unplaced
     numbers = np.array([chosen[i] for i in index.tolist()], dtype=np.intp)
     poses, stds = (
         np.array([[row[name] for name in names] for _, row in rows])[numbers] / IN_DEGREES
@@ -50,6 +54,7 @@ def with_places(recording: Recording, path: Path) -> tuple[Recording, Array, NDA
         poses=poses,
         rolls=rolls,
         stamps_ns=recording.stamps_ns[index],
+        refused=refused,
     )
     return kept, np.maximum(stds, LEAST_STD), numbers
 

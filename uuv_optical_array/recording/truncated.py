@@ -1,4 +1,4 @@
-"""The whole messages of MCAP files whose end is missing, as by a killed recorder or a full disk.
+"""The whole messages of MCAP files without an index or an end, as by a killed recorder.
 
 Readers start from a summary at the end, after records mostly in chunks (https://mcap.dev/spec).
 """
@@ -26,11 +26,27 @@ def is_truncated(path: Path) -> bool:
             return begins
         file.seek(-END.size, 2)
         start, _, checksum, magic = END.unpack(file.read())
+        if magic != MAGIC or not checksum:
+            return magic != MAGIC
         file.seek(min(start, file.tell()))
-        return magic != MAGIC or checksum not in (0, zlib.crc32(file.read()[: -len(MAGIC) - 4]))
+        return checksum != zlib.crc32(file.read()[: -len(MAGIC) - 4])
 
 
-def copy(path: Path, target: Path) -> None:
+def reader_of(file: BinaryIO) -> Any | None:
+    """Return a reader of a file that is not cut off; ``None`` where its index is not complete."""
+    mcap = needs("bags", "mcap.reader")
+    reader = mcap.SeekingReader(file, validate_crcs=True)
+    summary = reader.get_summary()
+    if summary is None or summary.statistics is None or not summary.chunk_indexes:
+        return None
+    known = summary.channels.keys()
+    counted = summary.statistics.channel_message_counts.keys()
+    indexed = [chunk.message_index_offsets.keys() for chunk in summary.chunk_indexes]
+    whole = all(indexed) and all(numbers <= known for numbers in (counted, *indexed))
+    return reader if whole else None
+
+
+def copy(path: Path, target: Path) -> Path:
     """Write the whole messages of an MCAP file to a new one, with an index and all checksums."""
     mcap = needs("bags", "mcap.writer")
     schemas, channels = {0: 0}, {}  # by the numbers that they have in the file
@@ -51,6 +67,7 @@ def copy(path: Path, target: Path) -> None:
                     channel = channels[record.channel_id]
                     writer.add_message(channel, data=record.data, sequence=record.sequence, **times)
         writer.finish()
+    return target
 
 
 def _whole_records(source: BinaryIO, size: int) -> Iterator[Any]:

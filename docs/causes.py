@@ -63,6 +63,7 @@ CAUSES = {
         "The simulated clock jumped, or the node had no time for seconds; no vehicle moved."
     ),
     "no input": "Nothing came that the node could answer.",
+    "no output": "Poses come, and do not steer yet: they have to agree for `settle_s` at first.",
     "several publishers": "Two nodes publish on one topic.",
     "mismatch": (
         "Many images differ from the scene by more than its prior, best explained by what the text"

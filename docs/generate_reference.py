@@ -70,6 +70,7 @@ READ_MORE = {
 # Values on ``/diagnostics``: names as Markdown, nodes that show them, and what they mean.
 VALUES = (
     ("`answered`, `refused`, `refused: ...`", "all", "messages, and by kind"),
+    ("`taken`", "formation", "poses; its answers are commands"),
     ("`passed_over`", "feature in `follower_node`, estimator", "images left out for a newer one"),
     (
         "`Events in window`, `Events since startup`, `Duration of window (s)`, "

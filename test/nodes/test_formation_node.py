@@ -118,6 +118,8 @@ def test_nothing_is_commanded_before_the_first_pose(helm):
     for _ in range(20):
         helm.tick()
     helm.see([-7.0, 0.3, 0.2, 0.05, 0.1])
+    # A pose that came is no command yet, and it is commands that are told.
+    helm.lab.report(helm.node, WARN, "no output")
     helm.command()
     assert [command.header.stamp for command in helm.commands] == [time_of(helm.now)]
 
@@ -475,6 +477,7 @@ def test_a_station_that_a_minimum_distance_slows_is_said(helm):
     assert "cure: slow station" in values(report)
     assert helm.lab.set(helm.node, "min_distance_m", 0.0).successful
     helm.see(STATION)
+    helm.command()
     helm.lab.report(helm.node, OK)
     refused = helm.lab.set(helm.node, "min_distance_m", 6.5)
     assert not refused.successful

@@ -30,6 +30,7 @@ from uuv_optical_array.nodes.shared import markers, messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.node import LASTING, publish, run, steady_clock, subscribe
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
+from uuv_optical_array.nodes.shared.stamp_time import StampTime
 from uuv_optical_array.nodes.shared.state_teller import StateTeller
 
 PARAMETERS = {
@@ -62,7 +63,7 @@ class FormationNode(Node):
         super().__init__("formation_node", **options)
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
         self.following = Following(*self.settings({}))
-        self.image_s = -math.inf  # stamp of the newest image
+        self.time = StampTime(self)
         side = load_scene(self.parameters["scene"]).array.detectors_per_side
         self.half = max((side - 1) / 2, 0.5)  # detectors from the array's middle to its edge
         self.diagnostics = Diagnostics(self)
@@ -80,15 +81,11 @@ class FormationNode(Node):
         self.create_service(SetBool, "~/engage", self.on_engage)
         self.create_service(Trigger, "~/search", self.on_search)
         if not self.parameters["start_engaged"]:
-            self.following.engage(False, self.now_s())
+            self.following.engage(False, self.time.now_s())
         self.slow = slow_station(self.settings({})[0])
         self.tell_state()
         period_s = 1.0 / self.parameters["rate_hz"]
         self.timer = self.create_timer(period_s, self.on_timer, clock=steady_clock(self))
-
-    def now_s(self) -> float:
-        """Return the time on the clock of the stamps, s."""
-        return float(self.get_clock().now().nanoseconds) * 1e-9
 
     def settings(self, changes: dict[str, Any]) -> tuple[FormationSettings, SearchSettings]:
         """Return the settings with a change; ValueError for a station that cannot be reached."""
@@ -114,7 +111,7 @@ class FormationNode(Node):
             response.message = "it commanded a stop, and commands nothing until it is engaged"
         if request.data != self.engaged:
             # Nothing is left of the time before, as others may have commanded since.
-            self.following.engage(request.data, self.now_s())
+            self.following.engage(request.data, self.time.now_s())
             self.tell_state()
             if not request.data:
                 self.send(np.zeros(3), np.zeros(3))
@@ -129,14 +126,14 @@ class FormationNode(Node):
         elif name == "locked":
             response.message = "it is locked: the leader's light steers"
         else:
-            self.following.search(self.now_s())
+            self.following.search(self.time.now_s())
             self.tell_state()
             response.message = f"it searches for {self.parameters['search_time_s']:g} s at most"
         return response
 
     def tell_state(self) -> None:
         """Tell a state that is new to all who follow it."""
-        if self.teller.note(self.following.state, self.now_s()):
+        if self.teller.note(self.following.state):
             self.show()
         self.diagnostics.warn(self.slow, self.teller.warning)
 
@@ -165,8 +162,8 @@ class FormationNode(Node):
             spread = None
             if self.parameters["use_leader_odometry"]:
                 spread = messages.rate_covariance_from_message(message)
-            self.following.update(stamp * 1e-9, pose, covariance, rate, spread)
-            self.diagnostics.answer(stamp, lambda: {"range_m": f"{-pose[0]:.2f}"})
+            self.following.update(self.time.of(stamp), pose, covariance, rate, spread)
+            self.diagnostics.take(stamp, lambda: {"range_m": f"{-pose[0]:.2f}"})
             self.show_station(message.header.frame_id)
         self.tell_state()
 
@@ -181,14 +178,13 @@ class FormationNode(Node):
         if parameters is not None:
             peak, to_starboard, down, *_ = parameters.tolist()
             glow = Glow(-to_starboard / self.half, -down / self.half, peak)
-        self.image_s = stamp_ns(header) * 1e-9
-        self.following.looked(self.image_s, glow)
+        self.following.looked(self.time.of(stamp_ns(header)), glow)
 
     def on_odometry(self, message: Odometry) -> None:
         """Tell the law how the follower moves by its own instruments."""
         with self.diagnostics.refusing("odometry"):
             linear, angular = checked_twist(message.twist.twist, message.child_frame_id)
-            self.following.moved(stamp_ns(message.header) * 1e-9, linear, angular)
+            self.following.moved(self.time.of(stamp_ns(message.header)), linear, angular)
 
     def on_leader(self, message: Odometry) -> None:
         """Tell the law how the leader moves, by a modem or a test tank."""
@@ -198,9 +194,9 @@ class FormationNode(Node):
             twist, covariance = twist_of_lamp(
                 self.parameters["beacon_position_m"], twist, covariance
             )
-            stamp_s = stamp_ns(message.header) * 1e-9
+            stamp_s = self.time.of(stamp_ns(message.header))
             told = Message(stamp_s, twist[:3], twist[3:], covariance)
-            self.following.leader_moves(self.now_s(), told)
+            self.following.leader_moves(self.time.now_s(), told)
 
     def show_station(self, frame: str) -> None:
         """Show the station in the frame of the lamp, where it is not there yet."""
@@ -220,7 +216,7 @@ class FormationNode(Node):
 
     def on_timer(self) -> None:
         """Publish the command, from the first pose or the first search on."""
-        command = self.following.command(self.now_s())
+        command = self.following.command(self.time.now_s())
         if command is not None:
             self.send(*command)
         self.tell_state()
@@ -229,7 +225,8 @@ class FormationNode(Node):
         """Publish a command, m/s and rad/s."""
         now, frame = self.get_clock().now().to_msg(), self.parameters.frame("base_frame")
         message = messages.twist_to_message(linear, angular, Header(stamp=now, frame_id=frame))
-        self.commands.publish(message)
+        if self.commands.publish(message):
+            self.diagnostics.answer()
 
 
 def slow_station(s: FormationSettings) -> str:

@@ -61,7 +61,7 @@ class Diagnostics:
         self._failure = ""
         self._warnings: tuple[str, ...] = ()
         self._watched: list[str] = []
-        self._heard_s = time.monotonic()
+        self._heard_s, self._heard = time.monotonic(), False
         # When the last periods ended, and the totals then.
         self._ends = deque([(self._heard_s, self.totals.copy())], maxlen=WINDOW)
         self._stamps_ns: list[int] = []
@@ -70,11 +70,23 @@ class Diagnostics:
         self.timer = node.create_timer(PERIOD_S, self.publish, clock=steady)
 
     def answer(
-        self, stamp_ns: int | None = None, values: Callable[[], Mapping[str, str]] = dict
+        self, stamp_ns: int | None = None, values: Callable[[], Mapping[str, str]] | None = None
     ) -> None:
-        """Note an answered message; `values` is called for the last before each publication."""
+        """Note an answer; `values` is called for the last before each publication."""
         self.totals["answered"] += 1
-        self._values = values
+        self._note(stamp_ns, values)
+
+    def take(
+        self, stamp_ns: int | None = None, values: Callable[[], Mapping[str, str]] | None = None
+    ) -> None:
+        """Note a message whose answer comes later; alone it does not make the status OK."""
+        self.totals["taken"] += 1
+        self._note(stamp_ns, values)
+
+    def _note(self, stamp_ns: int | None, values: Callable[[], Mapping[str, str]] | None) -> None:
+        self._heard = True
+        if values is not None:
+            self._values = values
         if stamp_ns is not None:
             self._stamps_ns.append(stamp_ns)
             now_ns = self._node.get_clock().now().nanoseconds
@@ -132,10 +144,12 @@ class Diagnostics:
             log.warning("; ".join(filter(None, mixed)), throttle_duration_sec=30.0)
         told = self._failure, *self._warnings, *mixed, *self._refusals.values(), self._clock()
         reasons = list(filter(None, told))
-        if answered or self._refusals:
+        if self._heard or self._refusals:
             self._heard_s = now_s
-        elif not reasons:
+        if not (answered or reasons):
             reasons = [f"no input: nothing came for {now_s - self._heard_s:.1f} s"]
+            if self._heard:
+                reasons = ["no output: what came was not answered yet"]
         level = DiagnosticStatus.WARN if reasons else DiagnosticStatus.OK
         passed = f", {passed_over} passed over for newer ones" if passed_over else ""
         text = "; ".join(reasons) or f"{answered} answered{passed}"
@@ -163,7 +177,7 @@ class Diagnostics:
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
         self._ends.append((now_s, self.totals.copy()))
-        self._refusals, self._values = {}, dict
+        self._refusals, self._values, self._heard = {}, dict, False
         self._stamps_ns, self._ages_s = self._stamps_ns[-1:], []
 
     def _clock(self) -> str:

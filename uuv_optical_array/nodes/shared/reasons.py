@@ -78,6 +78,7 @@ WARNINGS = {
     "no input": (
         "Try `ros2 topic hz` upstream; names, namespace, `ROS_DOMAIN_ID` and QoS must agree."
     ),
+    "no output": "Wait a second; if it lasts, look at `follow_state`, and report it with a bag.",
     "several publishers": "Give each run a namespace or a `ROS_DOMAIN_ID` of its own.",
     "mismatch": (
         "Look at what is named: detector, other lamps, the lamp's battery; then calibrate, or "

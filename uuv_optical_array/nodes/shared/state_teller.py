@@ -9,7 +9,7 @@ from rclpy.node import Node
 from uuv_optical_array.control.follow_states import values_of
 from uuv_optical_array.control.following import State
 from uuv_optical_array.nodes.shared.diagnostics import hardware_id, status_name
-from uuv_optical_array.nodes.shared.node import FinitePublisher
+from uuv_optical_array.nodes.shared.node import FinitePublisher, steady_clock
 
 PERIOD_S = 1.0
 # Of any other state the level is WARN.
@@ -22,17 +22,19 @@ class StateTeller:
     def __init__(self, node: Node, publisher: FinitePublisher) -> None:
         self._node, self._publisher = node, publisher
         self._noted: State | None = None
+        self._clock, self._noted_at = steady_clock(node), steady_clock(node).now()
         self.state = State("waiting", math.nan, "")
         self.warning = ""  # for the diagnostics
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.timer = node.create_timer(PERIOD_S, self.publish, clock=steady)
 
-    def note(self, state: State, now_s: float) -> bool:
-        """Take the state at the present, s; return whether it is new, and then tell it."""
+    def note(self, state: State) -> bool:
+        """Take the state at the present; return whether it is new, and then tell it."""
         if state is self._noted:
             return False
-        self._noted = state
         # Not since the stamp of an image that came late: states follow one another.
+        self._noted, self._noted_at = state, self._clock.now()
+        now_s = float(self._node.get_clock().now().nanoseconds) * 1e-9
         self.state = state._replace(since_s=now_s)
         self.warning = _warning(state)
         if not self.warning:
@@ -42,7 +44,9 @@ class StateTeller:
 
     def publish(self) -> None:
         """Publish the state."""
-        values = values_of(self.state, self._node.get_clock().now().nanoseconds * 1e-9)
+        # The clock of `since_s` may have been set since.
+        lasted_s = (self._clock.now() - self._noted_at).nanoseconds * 1e-9
+        values = values_of(self.state, self.state.since_s + lasted_s)
         message = DiagnosticStatus(
             level=LEVELS.get(self.state.name, DiagnosticStatus.WARN),
             name=status_name(self._node),

@@ -464,6 +464,19 @@ def test_tracked_poses_do_not_run_backwards_and_a_clock_that_was_set_back_starts
     lab.report(asker.node, WARN, "late frame", "stamp not later: 50.0")
 
 
+@pytest.mark.parametrize("back_s", [3, 4, 40])
+def test_a_clock_that_is_set_back_costs_a_track_one_frame_however_far(
+    lab, scene_file, signatures, back_s
+):
+    """Also where it is no farther than a track waits for frames that are late or for light."""
+    asker = Asker(lab, scene_file, tracking=True)
+    seconds = [100, 101, 102, *(103 - back_s + i for i in range(3))]
+    for signature, second in zip(signatures, seconds, strict=False):
+        lab.deliver(asker.node, asker.clouds, asker.message(signature, second))
+    lab.until(lambda: len(asker.seconds_answered()) > 4, "the last pose")
+    assert asker.seconds_answered() == seconds[:3] + seconds[4:]
+
+
 def test_a_frame_that_the_core_refuses_gets_no_pose_and_the_next_one_does(joiner, images):
     joiner.show(images[0], 1)
     seconds, answered = itertools.count(2), [1]

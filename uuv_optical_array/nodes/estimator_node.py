@@ -121,6 +121,7 @@ class EstimatorNode(Node):
         self.model = ForwardModel(self.scene)
         self.extent = np.transpose([(axis[0], axis[-1]) for axis in grid_axes(self.scene.table)])
         self.order, self.range_order = messages.StampOrder(), messages.StampOrder()
+        self.shift_ns = 0  # to the stamps of the track, of which none is between two clocks
         self.range_ns = 0  # stamp of the last range that the track refused
         # Of the last frame, once its pose is out.
         self.rest = Rest(self if hand_over is None else None)
@@ -286,7 +287,7 @@ class EstimatorNode(Node):
         with self.diagnostics.refusing("cmd_vel"):
             command = twist_from_message(message)
             if self.pipeline is not None:
-                self.pipeline.command(stamp_ns(message.header), *command)
+                self.pipeline.command(stamp_ns(message.header) + self.shift_ns, *command)
 
     def on_range(self, message: Range) -> None:
         """Tell the tracker how far the lamp is."""
@@ -294,7 +295,7 @@ class EstimatorNode(Node):
             measured = messages.range_from_message(message, self.parameters["range_std_m"])
             self.range_order.check(message.header, self.get_clock().now().nanoseconds)
             if self.pipeline is not None:
-                self.pipeline.range(stamp_ns(message.header), *measured)
+                self.pipeline.range(stamp_ns(message.header) + self.shift_ns, *measured)
 
     def roll_at(self, header: Header) -> tuple[float, float]:
         """Return the follower's roll when an image was taken, and its standard deviation, rad.
@@ -335,7 +336,12 @@ class EstimatorNode(Node):
         if self.pipeline is None:
             raise Refused("no table: see the error")
         roll, roll_std = self.roll_at(header)
-        estimate = self.pipeline.estimate(stamp_ns(header), image, parameters, roll)
+        buffer_s, reset_s = (self.parameters[name] for name in ("buffer_s", "reset_after_s"))
+        if self.order.set_back(header, round(buffer_s * 1e9)):
+            # However far: else the track would wait for the new clock to catch up with the old.
+            self.shift_ns -= round((buffer_s + reset_s) * 1e9)
+        stamp = stamp_ns(header) + self.shift_ns
+        estimate = self.pipeline.estimate(stamp, image, parameters, roll)
         self.order.check(header)
         roll += estimate.roll
         std = roll_std if estimate.turn is None else estimate.turn

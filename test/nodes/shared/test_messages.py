@@ -276,7 +276,8 @@ def passed(stamps, clock=None):
     ("stamps", "expected"),
     [
         ([10.0, 9.8, 9.9, 10.1], [10.0, 10.1]),
-        ([10.0, 9.0, 9.1, 9.2, 9.9, 10.0, 10.1], [10.0, 10.1]),
+        ([10.0, 9.5, 9.6, 9.7, 9.9, 10.0, 10.1], [10.0, 10.1]),
+        ([10.0, 9.3, 9.4, 9.5], [10.0, 9.4, 9.5]),
         ([10.0, 8.0, 10.1, 8.1, 10.2], [10.0, 10.1, 10.2]),
         ([10.0, 8.0, 8.1, 8.2], [10.0, 8.1, 8.2]),
         ([10.0, 8.0, 7.9, 8.0], [10.0, 8.0]),
@@ -332,7 +333,7 @@ def test_a_late_stamp_may_still_be_of_use_and_a_repeated_one_or_a_stray_is_not()
 
 
 @given(st.lists(st.integers(0, 4_000_000_000)))
-def test_stamps_run_back_only_by_more_than_a_second_and_never_twice_at_once(stamps):
+def test_stamps_run_back_only_by_more_than_half_a_second_and_never_twice_at_once(stamps):
     through = passed(stamps)
     for before, after in itertools.pairwise(through):
-        assert after > before or before - after > 10**9
+        assert after > before or before - after > 10**9 // 2

@@ -85,7 +85,7 @@ class StampOrder:
     anew. A stamp `AHEAD_NS` ahead of a given clock is refused, too, if the one before was not.
     """
 
-    RESTART_NS, AHEAD_NS = 1_000_000_000, 300_000_000
+    RESTART_NS, AHEAD_NS = 500_000_000, 300_000_000
 
     def __init__(self) -> None:
         self._ahead = True
@@ -98,6 +98,20 @@ class StampOrder:
         self._check_clock(stamp, now_ns)
         if stamp == self._newest_ns:
             raise self._not_later(stamp)
+
+    def set_back(self, header: Header, late_ns: int) -> bool:
+        """Say whether the stream starts anew with a stamp that may be late, by so much, ns.
+
+        The first that is farther behind, of the two that it takes, is refused.
+        """
+        stamp, newest, behind = stamp_ns(header), self._newest_ns, self._far_behind_ns
+        if newest is None or newest - stamp <= max(late_ns, self.RESTART_NS):
+            return False
+        self._far_behind_ns = stamp
+        if behind is None or stamp <= behind:
+            raise self._not_later(stamp)
+        self._newest_ns = behind
+        return True
 
     def check(self, header: Header, now_ns: float | None = None) -> None:
         """Refuse a stamp that does not advance, or leaps ahead of a clock."""

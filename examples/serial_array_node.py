@@ -18,12 +18,16 @@ Networking 7(2), 1999), so that it holds no zero, and a zero ends it. So the rea
 with the next frame, whatever was damaged. The wiring is for the scene (`uuv_array commission`).
 
 The stamp is the exposure in ROS time: the array's clock plus the smallest lag of the arrivals of
-late, which holds the fastest way through line and drivers and follows a clock that drifts.
+late, which holds the fastest way through line and drivers and follows a clock that drifts. Lags are
+by a steady clock, so that no image is late where the machine's clock is set.
+
+A port that gives no byte for `SILENT_S` is opened anew: an array that has lost its power does not
+end a connection. An error that nothing here expects is told, and the port opened anew, too.
 """
 
 import struct
-import termios
 import threading
+import time
 import zlib
 from collections import deque
 from queue import SimpleQueue
@@ -62,7 +66,8 @@ MOST_BYTES = 1 << 20  # without a zero this is no frame
 LAGS = 100  # arrivals that the array's clock is told by
 LOOK_S = 0.005  # s, between two looks at what has arrived
 WAIT_S = 0.2  # s, for bytes, and between two attempts to open the port
-GONE = (serial.SerialException, OSError, termios.error)
+NOTED_NS = 1_000_000  # of a difference of clocks, which is read with a little noise
+SILENT_S = 5.0  # s, longer than a board takes to start that opening its port resets
 
 
 def frame_from(packet: bytes) -> tuple[int, int, np.ndarray]:
@@ -100,19 +105,23 @@ class SerialArrayNode(Node):
         self.diagnostics = Diagnostics(self)
         self.images = publish(self, Image, "array/image")
         self.order, self.connected = StampOrder(), False
+        self.stopped = threading.Event()
+        self.reader = threading.Thread(target=self.read, daemon=True)
+        # A URL that can be none is a fault of the set-up, ValueError; what is not there may come.
+        serial.serial_for_url(self.parameters["port"], do_not_open=True)
+        self.steady, self.ahead_ns = Clock(clock_type=ClockType.STEADY_TIME), 0
         self.begin()
         self.arrived: SimpleQueue = SimpleQueue()
         # By a clock that no simulation stops; the executor of events has no guard conditions.
-        self.create_timer(LOOK_S, self.on_arrival, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self.stopped = threading.Event()
-        self.reader = threading.Thread(target=self.read, daemon=True)
+        self.create_timer(LOOK_S, self.on_arrival, clock=self.steady)
         self.context.on_shutdown(self.stop)
         self.reader.start()
 
     def stop(self) -> None:
         """End the thread that reads."""
         self.stopped.set()
-        self.reader.join()
+        if self.reader.ident:  # else the set-up was refused
+            self.reader.join()
 
     def destroy_node(self) -> None:
         """End the thread, and then the node."""
@@ -131,18 +140,26 @@ class SerialArrayNode(Node):
             try:
                 with serial.serial_for_url(url, rate, timeout=WAIT_S) as port:
                     self.hand_over("")
-                    while not self.stopped.is_set():
-                        if first := port.read(1):
-                            port.timeout = 0
-                            self.hand_over(first + port.read(4096))
-                            port.timeout = WAIT_S
-            except GONE as error:
-                self.hand_over(f"no array: {error}")
+                    self.read_from(port)
+            except Exception as error:  # else the thread would end, and the node would be deaf
+                self.hand_over(f"no array: {error or type(error).__name__}")
                 self.stopped.wait(WAIT_S)
+
+    def read_from(self, port: serial.SerialBase) -> None:
+        """Hand over what arrives at an open port; TimeoutError where nothing does."""
+        heard_s = time.monotonic()
+        while not self.stopped.is_set():
+            if first := port.read(1):
+                port.timeout = 0
+                self.hand_over(first + port.read(4096))
+                port.timeout = WAIT_S
+                heard_s = time.monotonic()
+            elif time.monotonic() - heard_s > SILENT_S:
+                raise TimeoutError(f"{port.name or port.port} gives nothing for {SILENT_S:g} s")
 
     def hand_over(self, what: bytes | str) -> None:
         """Give bytes, or the state of the port, to the thread of the node."""
-        self.arrived.put((self.get_clock().now().nanoseconds, what))
+        self.arrived.put((self.steady.now().nanoseconds, what))
 
     def on_arrival(self) -> None:
         """Take all that has arrived."""
@@ -151,8 +168,10 @@ class SerialArrayNode(Node):
             if isinstance(what, str):
                 self.begin()
                 self.connected = not what
-                self.diagnostics.fail(what)
+                if what:
+                    self.diagnostics.fail(what)
                 continue
+            self.diagnostics.fail("")  # a port may be open, and silent
             *packets, self.bytes = (self.bytes + what).split(b"\0")
             if len(self.bytes) > MOST_BYTES:
                 self.begin()
@@ -167,7 +186,10 @@ class SerialArrayNode(Node):
         try:
             number, time_us, readings = frame_from(packet)
             header = Header(frame_id=self.parameters["frame_id"])
-            stamp_ns = self.stamp_ns(number, time_us, now_ns)
+            ahead_ns = self.get_clock().now().nanoseconds - self.steady.now().nanoseconds
+            if abs(ahead_ns - self.ahead_ns) > NOTED_NS:
+                self.ahead_ns = ahead_ns
+            stamp_ns = self.ahead_ns + self.exposed_ns(number, time_us, now_ns)
             header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, 10**9)
             self.order.check(header)
         except Refused as reason:
@@ -178,8 +200,8 @@ class SerialArrayNode(Node):
             values=lambda: {"peak_counts": f"{readings.max()}", "number": str(number)}
         )
 
-    def stamp_ns(self, number: int, time_us: int, now_ns: int) -> int:
-        """Return the ROS time of an exposure, and tell of frames that are missing before it."""
+    def exposed_ns(self, number: int, time_us: int, now_ns: int) -> int:
+        """Return the steady time of an exposure, and tell of frames that are missing before it."""
         if number < self.number:  # the array has started anew, and its clock too
             self.lags_ns.clear()
         elif number > self.number + 1 and self.number >= 0:

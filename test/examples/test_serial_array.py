@@ -12,6 +12,7 @@ import struct
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from rclpy.duration import Duration
 from scenes import changed
 from sensor_msgs.msg import Image
 
@@ -291,12 +293,12 @@ def test_stamps_follow_the_arrays_clock_and_not_the_arrival(lab, line):
     node = begin(lab, line.name)
     lag, jitter = 10**18, [0, 30, 10, 50, 0, 20]  # ns and ms
     found = [
-        node.stamp_ns(i, 100_000 * i, lag + 10**8 * i + 10**6 * late)
+        node.exposed_ns(i, 100_000 * i, lag + 10**8 * i + 10**6 * late)
         for i, late in enumerate(jitter)
     ]
     assert found == [lag + 10**8 * i for i in range(len(jitter))]
     # After a restart the clock begins anew.
-    assert node.stamp_ns(0, 5, lag + 10**9) == lag + 10**9
+    assert node.exposed_ns(0, 5, lag + 10**9) == lag + 10**9
 
 
 def test_an_array_that_is_unplugged_is_told_and_one_that_is_back_is_read(lab, line):
@@ -323,3 +325,60 @@ def test_a_socket_is_read_too(lab):
             wire.sendall(sent(4))
             lab.until(lambda: len(lab.heard) == 2, "another")
     assert numbers(lab) == [3, 4]
+
+
+def test_a_socket_whose_other_end_loses_its_power_is_told_and_opened_anew(lab, monkeypatch):
+    """Nobody ends the connection, so that it looks open."""
+    monkeypatch.setattr(example, "SILENT_S", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        node = begin(lab, f"socket://127.0.0.1:{server.getsockname()[1]}")
+        wire, _ = server.accept()
+        with wire:
+            wire.sendall(b"\0" + sent(3))
+            lab.until(lambda: lab.heard, "an image")
+            lab.report(node, DiagnosticStatus.ERROR, "no array", "gives nothing for 0.3 s")
+            server.settimeout(20)
+            again, _ = server.accept()
+        monkeypatch.setattr(example, "SILENT_S", 1e9)
+        with again:
+            again.sendall(b"\0" + sent(0))
+            lab.until(lambda: len(lab.heard) == 2, "another")
+            lab.report(node, DiagnosticStatus.OK, "1 answered")
+    assert numbers(lab) == [3, 0]
+
+
+def test_a_port_that_can_be_none_ends_the_node_in_a_line(lab):
+    lab.begin({"serial_array_node:port": "tcp://192.168.2.4:5000"})
+    with pytest.raises(ValueError, match="tcp"):
+        lab.start(example.SerialArrayNode)
+
+
+def test_an_error_that_nothing_expects_leaves_the_reader_alive(lab, line, monkeypatch):
+    read, errors = example.SerialArrayNode.read_from, [KeyError("what"), ZeroDivisionError()]
+
+    def read_from(node, port):
+        if errors:
+            raise errors.pop()
+        read(node, port)
+
+    monkeypatch.setattr(example.SerialArrayNode, "read_from", read_from)
+    begin(lab, line.name)
+    lab.until(lambda: not errors, "the errors")
+    lab.until(lambda: lab.nodes[0].connected, "the port")
+    line.send(b"\0" + sent(1))
+    lab.until(lambda: lab.heard, "an image")
+
+
+@pytest.mark.parametrize("step_s", [0.5, -0.75, 30.0, -3600.0])
+def test_no_image_is_late_where_the_machines_clock_is_set(lab, line, step_s):
+    node = begin(lab, line.name)
+    line.send(b"\0" + sent(1))
+    lab.until(lambda: lab.heard, "an image")
+    clock, step = node.get_clock(), Duration(seconds=step_s)
+    node.get_clock = lambda: SimpleNamespace(now=lambda: clock.now() + step)
+    for number in range(2, 7):
+        line.send(sent(number))
+    lab.until(lambda: numbers(lab)[-1:] == [6], "the last image")
+    stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in lab.heard]
+    assert stamps[-1] - stamps[0] == pytest.approx(step_s, abs=0.01)
+    assert len(lab.heard) == (6 if step_s > 0 else 5)  # of a clock set back the first is refused

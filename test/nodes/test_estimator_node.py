@@ -222,6 +222,12 @@ def test_least_squares_answers_the_image_alone(shower, images, table):
     assert 1e-3 < float(values["misfit"]) <= 1
 
 
+def test_without_light_it_is_told_too_how_the_fit_runs(shower):
+    """Else whoever waits for what is compiled would wait until the lamp is seen."""
+    values = dict(figures(shower.lab.report(shower.node, WARN, "no input", value="fit")))
+    assert (values["method"], values["fit"]) == ("least_squares", "compiled")
+
+
 def test_a_faulty_detector_is_named_while_poses_go_on(shower, images):
     spoilt = images[0].copy()
     spoilt[1, 3] = 0

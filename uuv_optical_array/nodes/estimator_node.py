@@ -125,7 +125,7 @@ class EstimatorNode(Node):
         self.range_ns = 0  # stamp of the last range that the track refused
         # Of the last frame, once its pose is out.
         self.rest = Rest(self if hand_over is None else None)
-        self.diagnostics = Diagnostics(self)
+        self.diagnostics = Diagnostics(self, self.state)
         self.fits: bool | None = None  # whether images are answered by themselves; None: not yet
         self.inputs: list[Subscription] = []  # of images and key parameters
         self.waiting: dict[int, dict[str, Any]] = {}
@@ -364,7 +364,6 @@ class EstimatorNode(Node):
         header, track = pose.header, pipeline.track(roll)
         mismatch = f"mismatch: {track.mismatch}" if track and track.mismatch else ""
         self.diagnostics.warn(estimate.fault, mismatch, self.roll_lost)
-        self.log_state_of_fit(pipeline.estimator)
         if self.leaders.heard or self.below_base:
             own = Header(stamp=header.stamp, frame_id=self.base_frame)
             leader = messages.inverse_to_message((track or estimate).pose, own, roll)
@@ -386,11 +385,18 @@ class EstimatorNode(Node):
             self.range_ns = use.stamp_ns
             self.diagnostics.refuse(f"false range: {words_of(use)}")
 
-    def log_state_of_fit(self, estimator: Estimator) -> None:
-        """Log how the fit runs, once for each change."""
-        if estimator.settings.method == FIT and estimator.state_of_fit != self.state_of_fit:
+    def state(self) -> dict[str, str]:
+        """Return the method and how its fit runs, with light or without; log each change."""
+        if self.pipeline is None:
+            return {}
+        estimator = self.pipeline.estimator
+        method = estimator.settings.method
+        if method != FIT:
+            return {"method": method}
+        if estimator.state_of_fit != self.state_of_fit:
             self.state_of_fit = estimator.state_of_fit
             self.get_logger().info(f"{FIT}: {self.state_of_fit}")
+        return {"method": method, "fit": estimator.state_of_fit}
 
     def publish_track(self, track: Track, header: Header, roll: float, roll_std: float) -> None:
         """Publish pose and twist of the track."""
@@ -406,11 +412,7 @@ class EstimatorNode(Node):
         self, estimator: Estimator, estimate: Estimate, track: Track | None
     ) -> dict[str, str]:
         """Return what the diagnostics show of an answer, and of what its track knows."""
-        method = estimator.settings.method
-        shown = {"table_margin": self.margin(estimate.pose), "method": method}
-        if method == FIT:
-            shown["fit"] = estimator.state_of_fit
-        shown |= figures(estimate)
+        shown = {"table_margin": self.margin(estimate.pose)} | figures(estimate)
         if track is not None:
             shown["own_motion"] = track.own_motion
             if track.range is not None:

@@ -7,6 +7,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from odometries import odometry, time_of
+from rclpy.time import Time
 from std_msgs.msg import Header
 
 from uuv_optical_array.control.fleet import vee
@@ -14,7 +15,8 @@ from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.control.follow_states import values_of
 from uuv_optical_array.control.following import State
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.nodes.bringup.demo import RecorderNode, options_of
+from uuv_optical_array.nodes.bringup import demo
+from uuv_optical_array.nodes.bringup.demo import START_S, RecorderNode, TimeLeft, options_of
 from uuv_optical_array.nodes.shared.messages import image_to_message
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 
@@ -53,6 +55,46 @@ def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
         assert list(part) == pytest.approx([0.0, 0.1, 0.2, 0.3])
     assert [image[0, 0] for image in record.images.values()] == [3, 4, 5, 6]
     assert [pose[0] for pose in record.truth.values()] == [-3, -4, -5, -6]
+
+
+class Hands:
+    """Of a clock that a test sets."""
+
+    def __init__(self):
+        self.seconds = 100
+
+    def now(self):
+        return Time(seconds=self.seconds)
+
+
+def test_a_run_waits_as_long_as_what_it_waits_for_is_busy_and_then_takes_its_time(monkeypatch):
+    clock = Hands()
+    monkeypatch.setattr(demo, "steady_clock", lambda node: clock)
+    time_left = TimeLeft(None, 60.0)
+    for busy in (True, False):
+        clock.seconds += int(START_S) - 1
+        assert time_left.wanted(True, busy)
+    assert time_left.elapsed_s == 0
+    clock.seconds += 1
+    assert not time_left.wanted(True, False)
+    for seconds, goes_on in ((0, True), (59, True), (1, False)):
+        clock.seconds += seconds
+        assert time_left.wanted(False, False) is goes_on
+    assert time_left.elapsed_s == pytest.approx(60)
+
+
+def test_a_simulated_clock_that_stands_is_told(monkeypatch):
+    now_s, clock = 5.0, Hands()
+    monkeypatch.setattr(demo, "steady_clock", lambda node: clock)
+    monkeypatch.setattr(demo.time, "monotonic", lambda: now_s)
+    time_left = TimeLeft(None, 60.0)
+    assert time_left.wanted(True, True)
+    now_s += START_S + 1
+    clock.seconds += 1
+    assert time_left.wanted(True, True)
+    now_s += START_S + 1
+    with pytest.raises(ValueError, match="the simulated clock stands at 101 s"):
+        time_left.wanted(True, True)
 
 
 def test_the_run_of_a_leader_that_stands_begins_once(lab):

@@ -164,6 +164,57 @@ def test_whole_numbers_are_taken_for_any(lab, scene_file):
         assert present.type_.name.startswith("DOUBLE")
 
 
+@pytest.mark.skipif(
+    not hasattr(rclpy.node.Node, "add_pre_set_parameters_callback"), reason="Humble checks before"
+)
+@pytest.mark.parametrize(
+    ("parameter", "given"), [("max_surge_m_per_s", 1), ("station_m", [-5, 0, 0])]
+)
+def test_whole_numbers_are_taken_at_run_time_too(lab, parameter, given):
+    lab.begin()
+    node = lab.start(formation_node.FormationNode)
+    result = lab.set(node, parameter, given)
+    assert result.successful, result.reason
+    present = node.get_parameter(parameter)
+    assert present.type_.name.startswith("DOUBLE")
+    assert np.array_equal(present.value, given)
+    for bad in ("fast", True, [True, False, True]):
+        assert not lab.set(node, parameter, bad).successful
+
+
+SECTIONS = {  # as ROS matches them to /rov/formation_node
+    "/rov/formation_node": True,
+    "/**/formation_node": True,
+    "rov: formation_node": True,
+    "/*/formation_node": True,
+    "/**": True,
+    "formation_node": False,
+    "/formation_node": False,
+    "/other/formation_node": False,
+    "/*/*/formation_node": False,
+}
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_a_section_that_does_not_reach_its_node_is_named(section, lab, tmp_path, capfd):
+    value = {"ros__parameters": {"min_distance_m": 2.5}}
+    for name in reversed(section.split(": ")):
+        value = {name: value}
+    file = tmp_path / "mine.yaml"
+    strangers = {"formation_node_2": {"ros__parameters": {"x": 1}}, "/**/other_node": {}}
+    file.write_text(yaml.safe_dump(value | strangers), "utf-8")
+    words = ["--ros-args", "--params-file", str(file)]
+    shared_node.note_arguments(words)
+    lab.begin({}, *words[1:])
+    node = lab.start(formation_node.FormationNode, "rov")
+    assert (node.parameters["min_distance_m"] == 2.5) is SECTIONS[section]
+    told = [line for line in capfd.readouterr().err.splitlines() if "does not reach" in line]
+    assert len(told) == (not SECTIONS[section])
+    if told:
+        words = f"the section {section} does not reach /rov/formation_node; call it /**/"
+        assert words in told[0]
+
+
 def test_a_name_that_no_node_has_is_reported_with_the_one_that_differs_by_a_slip(
     lab, scene_file, tmp_path, capfd
 ):

@@ -35,7 +35,7 @@ from uuv_optical_array.nodes.shared.diagnostics import (
     several_publishers,
 )
 from uuv_optical_array.nodes.shared.messages import pose_from_message
-from uuv_optical_array.nodes.shared.node import spin, start
+from uuv_optical_array.nodes.shared.node import spin, start, steady_clock
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 from uuv_optical_array.recording.bag import RUN, BagWriter
@@ -173,6 +173,37 @@ def follower_nodes(leader: str, options: dict[str, Any]) -> tuple[RecorderNode, 
     return recorder, nodes
 
 
+class TimeLeft:
+    """The time of a run, by a clock that nobody sets, or by the simulated one while that goes on.
+
+    - elapsed_s: since the leader set off, s.
+    """
+
+    def __init__(self, node: Node, duration_s: float) -> None:
+        self.clock, self.elapsed_s = steady_clock(node), 0.0
+        self._since = self._last = self.clock.now()
+        self._duration_s, self._waiting, self._ticked_s = duration_s, True, time.monotonic()
+
+    def wanted(self, waiting: bool, busy: bool) -> bool:
+        """Say whether the run goes on: it waits, longer while it is busy, and then takes its time.
+
+        ValueError where the simulated clock stands.
+        """
+        now = self.clock.now()
+        if now != self._last:
+            self._last, self._ticked_s = now, time.monotonic()
+        elif time.monotonic() - self._ticked_s > START_S:
+            raise ValueError(
+                f"use_sim_time: the simulated clock stands at {now.nanoseconds * 1e-9:g} s for "
+                f"{START_S:g} s; start what publishes /clock, or set use_sim_time to false"
+            )
+        if (busy and waiting) or waiting != self._waiting:
+            self._since, self._waiting = now, waiting
+        elapsed_s = (now - self._since).nanoseconds * 1e-9
+        self.elapsed_s = 0.0 if waiting else elapsed_s
+        return elapsed_s < (START_S if waiting else self._duration_s)
+
+
 def follow(
     ros_args: list[str],
     duration_s: float,
@@ -188,7 +219,8 @@ def follow(
     - fleet: the followers, each in its namespace; empty: one in none, at the parameters' station.
     - bag: an open one, which gets what the nodes publish.
     - returned: a record for each follower, and whether a signal ended the run.
-    - ValueError: where a node refuses a parameter or a scene, or another run has the same topics.
+    - ValueError: where a node refuses a parameter or a scene, another run has the same topics, or
+      the simulated clock stands.
     """
     start(["--ros-args", *ros_args])
     executor = SingleThreadedExecutor()
@@ -212,31 +244,23 @@ def follow(
             vehicles = VehiclesNode(**vehicle_options)
             executor.add_node(vehicles)
         first, records = recorders[0], [recorder.record for recorder in recorders]
-        clock = first.get_clock()
-        ready_ns = clock.now().nanoseconds
-
-        def elapsed_s(since_ns: int | None) -> float:
-            return 0.0 if since_ns is None else (clock.now().nanoseconds - since_ns) * 1e-9
+        time_left = TimeLeft(first, duration_s)
 
         def wanted() -> bool:
-            nonlocal ready_ns
-            if first.started_ns is None:
-                if vehicles.waiting.busy:
-                    ready_ns = clock.now().nanoseconds
-                return elapsed_s(ready_ns) < START_S
-            return elapsed_s(first.started_ns) < duration_s
+            waiting = first.started_ns is None
+            return time_left.wanted(waiting, vehicles.waiting.busy)
 
         def tick() -> None:
             for recorder in recorders:
                 if vehicles.path_s is not None:  # a path may begin at rest
-                    recorder.start(clock.now().nanoseconds)
+                    recorder.start(recorder.get_clock().now().nanoseconds)
                 for topic in map(recorder.resolve_topic_name, RUN):
                     text = several_publishers(recorder, topic)
                     if text and UNKNOWN not in text:
                         raise ValueError(text)
-            on_tick(first.record, elapsed_s(first.started_ns))
+            on_tick(first.record, time_left.elapsed_s)
 
-        first.create_timer(0.2, tick)
+        first.create_timer(0.2, tick, clock=time_left.clock)
         interrupted = spin(executor, wanted)
         return records, interrupted
     except ParameterException as error:

@@ -49,11 +49,12 @@ class Diagnostics:
 
     OK: answers and no refusal in the last period. WARN: at least one refusal, with the latest
     reason of each kind, lasting warnings, several publishers of a watched topic, stamps of another
-    clock, or no input. ERROR: the set-up must change. The hardware's name is the node's namespace.
+    clock, no input or no output. ERROR: the set-up must change. The hardware's name is the node's
+    namespace. Of `state` are values that every status has.
     """
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, node: Node, state: Callable[[], Mapping[str, str]] = dict) -> None:
+        self._node, self._state = node, state
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.totals = Counter(answered=0, refused=0)  # since the start, by the key of each count
         self._refusals: dict[str, str] = {}  # of this period, the latest by kind
@@ -163,6 +164,7 @@ class Diagnostics:
             "Actual frequency (Hz)": f"{events / window_s:.3f}",
             **{name: str(count) for name, count in self.totals.items()},
             **self._ages(),
+            **self._state(),
             **self._values(),
             **{f"cure: {kind}": CURES[kind] for kind in map(kind_of, reasons) if kind},
         }

@@ -23,6 +23,7 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
 from uuv_optical_array.nodes.shared.messages import not_finite
+from uuv_optical_array.nodes.shared.sections import note_arguments
 
 PATIENCE_S = 1.0  # with a callback, after a signal
 WAITING = 100  # messages that may wait for the newest to be taken, and are counted
@@ -154,6 +155,7 @@ def transform_publisher(
 
 def start(args: list[str] | None) -> None:
     """Start ROS; ValueError for arguments or a parameter file that it cannot read."""
+    note_arguments(args)
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)  # `spin` has them
     except RuntimeError as error:

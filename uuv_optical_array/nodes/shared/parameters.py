@@ -19,6 +19,7 @@ from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
 from uuv_optical_array.core.messages import BEACON_FRAME, BEACON_POSITION, Axes
 from uuv_optical_array.core.settings import Numbers, Quantity, check, declared, hint
 from uuv_optical_array.core.storage.files import shared_file
+from uuv_optical_array.nodes.shared.sections import astray
 
 Settings = TypeVar("Settings")
 DEFAULTS = "config/follow.yaml"  # lists every parameter of every node, commented out
@@ -98,16 +99,20 @@ class Parameters:
             taken = RosParameter(name, kind, parameter.check(name, given))
             node.set_descriptor(name, descriptor, taken.get_parameter_value())
         node.add_on_set_parameters_callback(self._on_set)
+        if hasattr(node, "add_pre_set_parameters_callback"):  # which Humble has not
+            node.add_pre_set_parameters_callback(self._numbers)
         self._warn_of_unknown()
 
     def _warn_of_unknown(self) -> None:
-        """Name the parameters that the node was given and no node of the package has."""
+        """Name what the node was given and no node of the package has, or it does not get."""
         # A section `/**` has what other nodes declare.
         known = re.findall(r"^#    (\w+):", shared_file(DEFAULTS).read_text("utf-8"), re.M)
         for name in self._node._parameter_overrides:
             if not (name in known or self._node.has_parameter(name) or "qos_overrides." in name):
                 text = hint(name, known, f"{DEFAULTS} lists those that there are")
                 self._node.get_logger().warning(f"{name}: no node has this parameter; {text}")
+        for text in astray(self._node.get_fully_qualified_name()):
+            self._node.get_logger().warning(text)
 
     def __getitem__(self, name: str) -> Any:
         """Return the present value of a parameter."""
@@ -127,6 +132,20 @@ class Parameters:
             if isinstance(self._declared[name].default, list):
                 values[name] = tuple(value)
         return kind(**values)
+
+    def _numbers(self, changes: list[RosParameter]) -> list[RosParameter]:
+        """Return changes with whole numbers as the numbers that they are to be, as at the start."""
+        return [self._number(change) for change in changes]
+
+    def _number(self, change: RosParameter) -> RosParameter:
+        declared, value = self._declared.get(change.name), change.value
+        wanted = None if declared is None else declared.default
+        if isinstance(wanted, float) and type(value) is int:
+            return RosParameter(change.name, RosParameter.Type.DOUBLE, float(value))
+        if isinstance(wanted, list) and change.type_ == RosParameter.Type.INTEGER_ARRAY:
+            numbers = [float(number) for number in value]
+            return RosParameter(change.name, RosParameter.Type.DOUBLE_ARRAY, numbers)
+        return change
 
     def _on_set(self, changes: list[RosParameter]) -> SetParametersResult:
         ours = {change.name: change.value for change in changes if change.name in self._declared}

@@ -66,6 +66,7 @@ def test_it_answers_as_it_stands_until_the_compiled_fit_takes_over(
     [
         ("raise OSError('disk full')", "OSError: disk full"),
         ("import os; os._exit(3)", "exit code 3"),
+        ("import os; os.write(2, b'no \\xff'); os._exit(3)", "no \ufffd"),
     ],
 )
 @pytest.mark.usefixtures("nothing_loaded")

@@ -109,6 +109,7 @@ class BackgroundCompiler:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
+            errors="replace",  # a file's name may be of any bytes
             start_new_session=True,  # Ctrl-C in a terminal is for the program
         )
 
@@ -118,16 +119,20 @@ class BackgroundCompiler:
         self._thread.join(timeout=2.0)  # it may be loading
 
     def _finish(self) -> None:
-        failure = ""
-        if self._process is not None:
-            assert self._process.stderr is not None
-            with self._process as process:
-                errors = self._process.stderr.read()
-            if process.returncode:
-                failure = errors.strip().rpartition("\n")[2] or f"exit code {process.returncode}"
-        if not failure:
-            try:
+        try:
+            failure = "" if self._process is None else self._failure_of(self._process)
+            if not failure:
                 self._work()
-            except Exception as error:  # of any kind: who waits has to hear of it
-                failure = f"{type(error).__name__}: {error}"
+        except Exception as error:  # of any kind: who waits has to hear of it
+            failure = f"{type(error).__name__}: {error}"
         self.failure, self.done = failure, True
+
+    @staticmethod
+    def _failure_of(process: "subprocess.Popen[str]") -> str:
+        """Wait for a process, and return what it failed by."""
+        assert process.stderr is not None
+        with process:
+            errors = process.stderr.read()
+        if not process.returncode:
+            return ""
+        return errors.strip().rpartition("\n")[2] or f"exit code {process.returncode}"

@@ -4,7 +4,9 @@ Ctrl-C during an import ends the process at once: an exception there can pass fo
 and otherwise prints the stack of the import. A node without ROS says what to install.
 
 BLAS gets one thread, unless the user says otherwise: with matrices as small as those of an image
-its threads mostly wait for each other, and for the processors of other nodes.
+its threads mostly wait for each other, and for the processors of other nodes. Pictures look the
+same whatever Matplotlib is told elsewhere: a notebook's shell hands on its backend, which draws
+into the notebook, and a style of the user's may need what is not there.
 """
 
 import os
@@ -12,11 +14,13 @@ import signal
 import sys
 from collections.abc import Callable
 from importlib import import_module
+from io import TextIOWrapper
 from types import FrameType
 from typing import Any
 
 INTERRUPTED = 130  # exit code of a command after Ctrl-C
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}  # which BLAS reads when NumPy is imported
+OURS = {"MPLBACKEND": "agg", "MATPLOTLIBRC": os.devnull}  # whatever the user's
 
 
 def _program(
@@ -27,7 +31,8 @@ def _program(
         os._exit(code)
 
     def program() -> None:
-        os.environ.update(ENVIRONMENT | os.environ)
+        os.environ.update(ENVIRONMENT | os.environ | OURS)
+        _complete_streams()
         usual = signal.getsignal(signal.SIGINT)
         if usual != signal.SIG_IGN:  # a shell's background ignores it
             signal.signal(signal.SIGINT, end)
@@ -41,6 +46,17 @@ def _program(
             signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     return program
+
+
+def _complete_streams() -> None:
+    """Let standard streams that were closed take what is written, and take any file's name."""
+    for name in ("stdin", "stdout", "stderr"):  # in the order of their numbers, which are free
+        if getattr(sys, name) is None:
+            mode = "r" if name == "stdin" else "w"
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _node(name: str) -> Callable[[], None]:

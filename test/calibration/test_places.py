@@ -104,15 +104,15 @@ def test_times_find_the_nearest_image_or_all_of_a_span(tmp_path):
 @pytest.mark.parametrize(
     ("head", "rows", "words"),
     [
-        ("", [], "columns none and 0 places; give places, and the columns image or time_s, x_m"),
-        (f"image,{HEAD}", [], "and 0 places"),
+        ("", [], "columns none; give the columns image or time_s, x_m"),
+        (f"image,{HEAD}", [], "no place below the columns"),
         (HEAD, ["0"], "the columns image or time_s, x_m"),
         (f"image,colour,{HEAD}", ["0"], "columns image, colour, x_m"),
         (f"image,until_s,{HEAD}", ["0"], "perhaps last_image and roll_deg"),
         (f"image,{HEAD}", ["0,far,0,0,0,0,1,1,1,1,1"], "line 2: could not convert .*'far'"),
         (f"image,{HEAD}", ["0,0,0,0,0,0,1,1,-1,1,1"], "line 2: z_std_m: -1.0; give a number, of"),
         (f"image,{HEAD}", ["0,0,0,0,0,nan,1,1,1,1,1"], "line 2: yaw_deg: nan"),
-        (f"image,{HEAD}", ["0,0,0"], "line 2: 3 cells for 11 columns"),
+        (f"image,{HEAD}", ["0,0,0"], "line 2: 3 cells; give 11"),
         (f"image,{HEAD}", ["9,0,0,0,0,0,1,1,1,1,1"], "line 2: no image; the bag has 5 in 4.0 s"),
         (f"time_s,{HEAD}", ["9,0,0,0,0,0,1,1,1,1,1"], "line 2: no image"),
         (f"image,{HEAD}", ["1,0,0,0,0,0,1,1,1,1,1"] * 2, "line 3: an image of another line"),

@@ -155,6 +155,9 @@ REFUSED = [
     ((*POSE, -6, 0, 0, 95, 0), "--pose PITCH_DEG: 95.0 is out of bounds"),
     ((*POSE, -6, "nan", 0, 0, 0), "--pose Y: nan is out of bounds"),
     ((*POSE, -6), "--pose: expected 5 arguments"),
+    # Python 3.11 takes the former for an option.
+    ((*POSE, "-2e3", 0, "-1.5E-3", 0, 0), "--pose X: -2000.0 is out of bounds; it must be"),
+    (("view", "--address", "[::1]:0"), "--address: 0 is out of bounds"),
     ((*ACCURACY, "--known", "--method", "sam"), "--known", "sam", "use least_squares"),
     ((*ACCURACY, "--known", "--lamps"), "--known", "--lamps", "leave one"),
     ((*ACCURACY, "--lamps", "--method", "sam"), "--lamps", "sam", "use least_squares"),

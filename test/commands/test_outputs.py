@@ -13,6 +13,7 @@ from command_line import PROGRAM, begun, ended, run
 from uuv_optical_array.cli import outputs
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.plots import style
 
 # Each command's words, and its options that name a file or a folder, with a file's suffix.
 OPTIONS = [
@@ -160,3 +161,25 @@ def test_a_reader_that_has_read_enough_is_no_error_to_tell(words):
     os.close(read)
     with open(write, "w") as pipe, begun([*PROGRAM, *words], stdout=pipe) as process:
         assert ended(process, 1)[1] == ""
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_link_stays_one_and_what_it_leads_to_is_written(tmp_path, there):
+    (tmp_path / "real").mkdir()
+    target, link = tmp_path / "real" / "sea.yaml", tmp_path / "sea.yaml"
+    if there:
+        target.write_text("old", "utf-8")
+    link.symlink_to(Path("real", "sea.yaml"))
+    assert outputs.file_to_write(link, "--output", outputs.SCENE) == link
+    files.write_text(link, "new")
+    assert link.is_symlink()
+    assert target.read_text("utf-8") == "new"
+    assert [path.name for path in target.parent.iterdir()] == ["sea.yaml"]
+
+
+def test_a_picture_that_cannot_be_drawn_is_told_before_the_work(no_work, monkeypatch):
+    def broken(*size):
+        raise RuntimeError("numpy.core.multiarray failed to import")
+
+    monkeypatch.setattr(style, "new_figure", broken)
+    assert "no picture can be drawn: RuntimeError numpy.core" in run("render", code=2)

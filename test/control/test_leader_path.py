@@ -164,7 +164,7 @@ def test_columns_may_stand_in_any_order(tmp_path):
         (HEAD.replace(",", ";"), "give the columns"),
         (f"{HEAD},{HEAD}", "give the columns"),
         (HEAD, "no row below the columns"),
-        (f"{HEAD}\n0,0.5,0,0,0\n", "line 2: 5 values; give 6"),
+        (f"{HEAD}\n0,0.5,0,0,0\n", "line 2: 5 cells; give 6"),
         (f"{HEAD}\n\n#\n0,0.5,0,0,0,fast\n", "line 4: yaw_rate_deg_per_s: 'fast' is not a num"),
         (f"{HEAD}\n0,,0,0,0,0\n", "line 2: surge_m_per_s: '' is not a number"),
         (f"{HEAD}\n0,nan,0,0,0,0\n", "line 2: surge_m_per_s: nan is out of bounds"),

@@ -1,12 +1,15 @@
 """How programs start: with one thread of BLAS, Ctrl-C meanwhile, and without an extra."""
 
 import os
+import subprocess
 import sys
+from pathlib import Path
 
 import command_line
 import pytest
 
 from uuv_optical_array.core.extras import NotInstalled, install_line, needs
+from uuv_optical_array.forward.scene import load_scene
 
 # Something is done where a module is to be imported.
 AT_IMPORT = """
@@ -154,3 +157,39 @@ def test_a_fault_of_ours_does_not_pass_for_an_extra_that_is_missing(tmp_path, mo
     (tmp_path / "missing.py").write_text("import surely_not_installed\n")
     with pytest.raises(NotInstalled, match="surely_not_installed"):
         needs("ros", "missing")
+
+
+PROGRAM = "from uuv_optical_array.programs import uuv_array; uuv_array()"
+
+
+def test_a_picture_is_the_same_whatever_matplotlib_is_told_elsewhere(tmp_path):
+    style = tmp_path / "matplotlibrc"
+    style.write_text("text.usetex: True\naxes.facecolor: black\nfont.size: 30\n", "utf-8")
+    plain = {key: value for key, value in os.environ.items() if key[:3] not in ("MPL", "MAT")}
+    odd = plain | {"MPLBACKEND": "module://of_a_notebook", "MATPLOTLIBRC": str(style)}
+    pictures = []
+    for name, told in (("plain.png", plain), ("odd.png", odd)):
+        done = command_line.python(PROGRAM, "budget", "--output", tmp_path / name, env=told)
+        assert done.returncode == 0, done.stderr
+        pictures.append((tmp_path / name).read_bytes())
+    assert pictures[0] == pictures[1]
+
+
+def test_with_streams_that_are_closed_a_command_does_its_work(tmp_path):
+    line = 'exec "$0" -c "$1" budget --output "$2" <&- >&- 2>&-'
+    picture = tmp_path / "x.png"
+    shell = ["sh", "-c", line, sys.executable, PROGRAM, str(picture)]
+    assert subprocess.run(shell, check=False).returncode == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_names_of_files_may_be_of_any_bytes(tmp_path):
+    ends = b"/\xe9.yaml", b"/\xe8.png"
+    scene, picture = (os.fsdecode(os.fsencode(tmp_path) + end) for end in ends)
+    Path(scene).write_text("extends: reference\n", "utf-8")
+    assert load_scene(scene).name == "\ufffd"  # which titles and files take
+    told = os.environ | {"PYTHONIOENCODING": "utf-8:strict"}
+    done = command_line.python(PROGRAM, "budget", "--output", picture, env=told)
+    assert done.returncode == 0, done.stderr
+    assert "\\udce8.png" in done.stdout
+    assert Path(picture).is_file()

@@ -5,7 +5,9 @@ import re
 import socket
 import sys
 import time
+import urllib.request
 from io import BytesIO
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import matplotlib.image
@@ -16,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.commands.view import address
 from uuv_optical_array.control.following import State
 from uuv_optical_array.estimation.pipeline import Answer
 from uuv_optical_array.view.browser import Browser, installed
@@ -162,9 +165,20 @@ def test_the_next_free_port_is_taken_and_an_address_of_another_machine_refused(p
     other.close()
     assert urlsplit(other.url).port != urlsplit(page.url).port
     assert urlsplit(other.url).path != urlsplit(page.url).path
-    for host in ("192.0.2.1", "no such name"):  # RFC 5737: nobody's
+    for host in ("192.0.2.1", "no such name", "100::1"):  # RFC 5737: nobody's
         with pytest.raises(ValueError, match=f"host: '{host}' cannot be served"):
             Page(scene, "elsewhere", host)
+
+
+@pytest.mark.skipif(not Path("/proc/net/if_inet6").exists(), reason="there is no IPv6")
+def test_an_address_of_ipv6_is_served_and_stands_in_brackets(scene):
+    page = Page(scene, "sixth", *address("[::1]:18300"))
+    try:
+        assert page.url.startswith("http://[::1]:18")
+        with urllib.request.urlopen(page.url, timeout=PATIENCE_S) as answer:
+            assert answer.status == 200
+    finally:
+        page.close()
 
 
 CHARTS = """(() => {

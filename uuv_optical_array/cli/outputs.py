@@ -1,6 +1,7 @@
 """Where a command writes; it is checked before the work begins, so that no result is lost."""
 
 import argparse
+import os
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 from uuv_optical_array.cli.options import INTERRUPTED, OptionError, checking_options
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.formats import json_text
-from uuv_optical_array.plots.style import KINDS
+from uuv_optical_array.plots.style import KINDS, draw_trial
 
 PICTURE = tuple(KINDS)
 SCENE = (".yaml", ".yml")
@@ -54,7 +55,8 @@ def finish(
 def file_to_write(path: str | Path, option: str, suffixes: Sequence[str] = ()) -> Path:
     """Return the path, given by an option, of a file that can be written.
 
-    OptionError for another suffix than `suffixes` (empty: any), no file, or an unwritable folder.
+    OptionError for another suffix than `suffixes` (empty: any), no file, an unwritable folder, or
+    where no `PICTURE` can be drawn.
     """
     path = files.user_path(path)
     if suffixes and path.suffix.lower() not in suffixes:
@@ -63,9 +65,13 @@ def file_to_write(path: str | Path, option: str, suffixes: Sequence[str] = ()) -
         raise OptionError(f"{option} {path}: it is a folder; name a file")
     if path.exists() and not path.is_file():
         raise OptionError(f"{option} {path}: it is a device; name a file")
-    if not path.parent.is_dir():
-        raise OptionError(f"{option} {path}: no folder {path.parent}; make it first")
-    _check_writable(path.parent, path, option)
+    # A link stays one: what it leads to is written.
+    folder = Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent
+    if not folder.is_dir():
+        raise OptionError(f"{option} {path}: no folder {folder}; make it first")
+    _check_writable(folder, path, option)
+    if suffixes == PICTURE:
+        draw_trial()
     return path
 
 

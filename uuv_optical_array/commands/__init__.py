@@ -3,13 +3,16 @@
 import argparse
 import errno
 import os
+import re
 import sys
 from contextlib import suppress
+from decimal import Decimal
 from importlib import import_module
 
 from uuv_optical_array import __version__
 from uuv_optical_array.cli import options
 
+POWER = re.compile(r"-(\d+\.?\d*|\.\d+)e[-+]?\d{1,3}", re.I)
 # In the order of the help; imported with this module, where Ctrl-C ends the process (`programs`).
 COMMANDS = {
     name: import_module(f"uuv_optical_array.commands.{name}")
@@ -50,7 +53,7 @@ def main(words: list[str] | None = None) -> None:
     An error is one line, with exit code 2 for an unusable command line, also one that names what is
     not there, and 1 for what fails at run time.
     """
-    words = sys.argv[1:] if words is None else words
+    words = list(map(_plain, sys.argv[1:] if words is None else words))
     if words and words[0] in STUDIES:
         print(f"uuv_array {words[0]}: it is called `uuv_array study {words[0]}`", file=sys.stderr)
         sys.exit(2)
@@ -83,6 +86,11 @@ def main(words: list[str] | None = None) -> None:
         print("interrupted", file=sys.stderr)
         code = options.INTERRUPTED
     sys.exit(code)
+
+
+def _plain(word: str) -> str:
+    """Return -1e-3 as -0.001, as argparse takes the former for an option before Python 3.14."""
+    return f"{Decimal(word):f}" if POWER.fullmatch(word) else word
 
 
 def _flush() -> None:

@@ -220,7 +220,8 @@ def run(args: argparse.Namespace) -> int:
         return options.INTERRUPTED
     written = bool(args.force or not result.refusal)
     if written:
-        comment = f"Calibrated by uuv_array calibrate from {path.name}, starting from {scene.name}."
+        source = f"from {files.shown(path)}, starting from {scene.name}"
+        comment = f"Calibrated by uuv_array calibrate {source}."
         save_scene(result.scene, output, comment, text)
     measured = "" if places is None else f" at {int(places.max()) + 1} places"
     text = report(result, recording, path, scene.name, measured)
@@ -228,7 +229,7 @@ def run(args: argparse.Namespace) -> int:
     outputs.finish(args, as_json(result, recording), "\n".join(lines))
     if picture is not None:
         count = int(result.uncensored.sum())
-        title = f"Calibration from {path.name}: residuals of {count} readings"
+        title = f"Calibration from {files.shown(path)}: residuals of {count} readings"
         save(draw_calibration(result, recording, title), picture)
         if not args.json:
             print(f"picture: {picture}")

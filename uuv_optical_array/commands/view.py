@@ -23,6 +23,7 @@ import numpy as np
 
 from uuv_optical_array.cli import bag, options, outputs
 from uuv_optical_array.core.settings import Quantity, Setting
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.view import LOOPBACK, PORT
 
@@ -45,8 +46,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def address(text: str) -> tuple[str, int]:
-    """Read a host, a colon and a port; each may be left out."""
+    """Read a host, of IPv6 in brackets, a colon and a port; each may be left out."""
     host, _, port = text.partition(":")
+    if text.startswith("["):  # of IPv6
+        host, _, port = text[1:].partition("]")
+        port = port.removeprefix(":")
     return host or LOOPBACK, options.reader(PORTS)(port or str(PORT))
 
 
@@ -66,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     for line in recording.left_out if recording else ():
         print(line)
     with ExitStack() as stack:
-        title = args.bag.name if args.bag else f"simulation of {scene.name}"
+        title = files.shown(args.bag) if args.bag else f"simulation of {scene.name}"
         page = Page(scene, f"uuv_optical_array: {title}", *args.address)
         stack.callback(page.close)
         print(f"open {page.url} in a browser; Ctrl-C ends it", flush=True)

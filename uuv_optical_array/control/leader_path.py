@@ -11,6 +11,7 @@ import numpy as np
 from uuv_optical_array.control.vehicles import Vehicle
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, check, hint
+from uuv_optical_array.core.storage import tables
 from uuv_optical_array.core.storage.files import user_path
 
 # At a time, s, the velocity over ground, m/s, and the turn rate, rad/s, in the leader's own frame,
@@ -103,7 +104,7 @@ def leader_path(name_or_file: str | Path) -> LeaderPath:
     The file's first line names the columns (`COLUMNS`): time from when the leader sets off, s;
     surge, sway and heave over ground, m/s; pitch and yaw rate, deg/s, by REP 103: positive to port,
     up, bow low, and bow to port. Each row holds until the next, the last for ever, and before the
-    first the leader stands. Blank lines, and lines that begin with ``#``, are left out.
+    first the leader stands. It is read as `tables.read` does.
 
     ValueError, with file, line, value and bound, for any other table, or where neither a ready path
     nor a file has the name; OSError for a file that cannot be read.
@@ -114,31 +115,19 @@ def leader_path(name_or_file: str | Path) -> LeaderPath:
     if not file.is_file():
         cure = hint(name_or_file, PATHS, f"choose {', '.join(PATHS)}, or give a CSV file")
         raise ValueError(f"leader_path: {str(name_or_file)!r} is no ready path and no file; {cure}")
-    try:
-        text = file.read_text(encoding="utf-8-sig")  # with or without a byte order mark
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{file}: {error}; give a table as CSV in UTF-8") from None
-    return _held(_rows(file, text))
+    return _held(_rows(file))
 
 
-def _rows(file: Path, text: str) -> list[list[float]]:
+def _rows(file: Path) -> list[list[float]]:
     """Return the checked rows of a table, in the order of `COLUMNS`."""
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip(" \t,") and not line.startswith("#")
-    ]
-    head, *table = [[cell.strip(' \t"') for cell in line.split(",")] for _, line in lines] or [[]]
+    head, table = tables.read(file)
     if sorted(head) != sorted(COLUMNS):
         raise ValueError(
             f"{file}: columns {', '.join(head) or 'none'}; give the columns {','.join(COLUMNS)}"
         )
     rows: list[list[float]] = []
-    for (number, _), cells in zip(lines[1:], table, strict=True):
+    for number, given in table:
         at = f"{file}: line {number}"
-        if len(cells) != len(head):
-            raise ValueError(f"{at}: {len(cells)} values; give {len(head)}, one for each column")
-        given = dict(zip(head, cells, strict=True))
         rows.append([_number(given[name], name, at) for name in COLUMNS])
         if len(rows) > 1 and not rows[-1][0] > rows[-2][0]:
             raise ValueError(

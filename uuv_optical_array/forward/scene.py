@@ -287,4 +287,6 @@ def load_scene(path: str | Path) -> Scene:
         Where neither a file nor a ready scene has that name, or one that is extended.
     """
     file = scene_files.scene_file(path)
-    return scene_from_settings(scene_files.merged(scene_files.layers(file)), file.stem)
+    return scene_from_settings(
+        scene_files.merged(scene_files.layers(file)), Path(files.shown(file)).stem
+    )

@@ -4,6 +4,7 @@ Matplotlib takes a second to import, so it is imported when something is drawn.
 """
 
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -117,6 +118,17 @@ def write_table(axes: "Axes", text: str, size: float, spacing: float) -> None:
     axes.set_axis_off()
     words: dict[str, Any] = {"family": "monospace", "fontsize": size, "linespacing": spacing}
     axes.text(0, 1, text, va="top", in_layout=False, **words)
+
+
+def draw_trial() -> None:
+    """Draw a word to nowhere; ValueError where Matplotlib cannot, before the work for a picture."""
+    try:
+        figure = new_figure(1, 1)
+        figure.text(0, 0, "0")
+        figure.savefig(BytesIO(), dpi=10)
+    except Exception as error:  # Matplotlib's have any type
+        words = " ".join(f"{type(error).__name__} {error}".split())
+        raise ValueError(f"no picture can be drawn: {words}; repair Matplotlib") from error
 
 
 def save(figure: "Figure", path: Path) -> None:

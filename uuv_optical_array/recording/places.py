@@ -1,6 +1,5 @@
 """A table of measured places of the array, in place of both odometries, as on a rail in a tank."""
 
-import csv
 import dataclasses
 import math
 from collections import Counter
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
+from uuv_optical_array.core.storage import tables
 from uuv_optical_array.recording.images import Recording
 
 POSE = ("x_m", "y_m", "z_m", "pitch_deg", "yaw_deg")
@@ -61,23 +61,18 @@ def with_places(recording: Recording, path: Path) -> tuple[Recording, Array, NDA
 
 def _rows(path: Path) -> list[tuple[int, dict[str, float]]]:
     """Return the numbers of each row by column, with its line in the file."""
-    text = enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
-    lines = [(number, line) for number, line in text if line.strip() and line[0] != "#"]
-    head, *table = list(csv.reader(line for _, line in lines)) or [[]]
+    head, table = tables.read(path)
     begin, end = next((span for span in SPANS if span[0] in head), ("image or time_s", ""))
     needed = {begin, *POSE, *STDS}
-    if needed - {*head} or {*head} - needed - {end, "roll_deg"} or not table:
+    if needed - {*head} or {*head} - needed - {end, "roll_deg"}:
         raise ValueError(
-            f"{path}: columns {', '.join(head) or 'none'} and {len(table)} places; give places, "
-            f"and the columns {', '.join((begin, *POSE, *STDS))}, perhaps {end or 'last_image'} "
-            "and roll_deg"
+            f"{path}: columns {', '.join(head) or 'none'}; give the columns "
+            f"{', '.join((begin, *POSE, *STDS))}, perhaps {end or 'last_image'} and roll_deg"
         )
     rows = []
-    for (number, _), cells in zip(lines[1:], table, strict=True):
+    for number, cells in table:
         try:
-            if len(cells) != len(head):
-                raise ValueError(f"{len(cells)} cells for {len(head)} columns")
-            row = {name: float(cell) for name, cell in zip(head, cells, strict=True)}
+            row = {name: float(cell) for name, cell in cells.items()}
         except ValueError as error:
             raise ValueError(f"{path}: line {number}: {error}") from None
         for name, value in row.items():
@@ -86,6 +81,8 @@ def _rows(path: Path) -> list[tuple[int, dict[str, float]]]:
                     f"{path}: line {number}: {name}: {value}; give a number, of an error 0 or more"
                 )
         rows.append((number, row))
+    if not rows:
+        raise ValueError(f"{path}: no place below the columns; give one at least")
     return rows
 
 

@@ -80,6 +80,7 @@ class Page:
             self._server = viser.ViserServer(host, port, label=title, verbose=False)
         # A browser may ask viser for a tunnel through which the whole internet sees the page.
         self._server.request_share_url = lambda verbose=True: None
+        host = f"[{host}]" if ":" in host else host
         self.url = f"http://{host}:{self._server.get_port()}/{token}"
         self._window, self._drawn = Window(), 0
         self._paths: dict[str, list[Array]] = {"leader": [], "follower": []}
@@ -373,9 +374,10 @@ def words(sight: Sight, poses: int, images: int) -> str:
 
 def _free_port(host: str, port: int) -> int:
     """Return the first free port from `port` on; viser waits for ever for a bad address."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for candidate in range(port, min(port + PORTS_TRIED, 65536)):
         try:
-            socket.create_server((host, candidate)).close()
+            socket.create_server((host, candidate), family=family).close()
             return candidate
         except OSError as error:
             if error.errno != errno.EADDRINUSE:

@@ -33,6 +33,11 @@ def user_path(path: str | Path) -> Path:
         raise ValueError(f"{path}: {error}") from None
 
 
+def shown(path: Path) -> str:
+    """Return a file's name as it can be drawn and written in UTF-8, whatever its bytes are."""
+    return os.fsencode(path.name).decode("utf-8", "replace")
+
+
 @contextmanager
 def naming(path: Path, scratch: Path | None = None) -> Iterator[None]:
     """Let an OSError of the block that names no file, or one of `scratch`, name `path`."""
@@ -49,13 +54,15 @@ def naming(path: Path, scratch: Path | None = None) -> Iterator[None]:
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a scratch path that becomes `path` when the block ends well, and else vanishes.
 
-    OSError, with the name of `path`, such as where the disk is full.
+    Where it is a link, it stays one, and what it leads to is replaced. OSError, with the name of
+    `path`, such as where the disk is full.
     """
-    scratch = path.with_name(f".{path.name}{PART}")
+    target = Path(os.path.realpath(path))
+    scratch = target.with_name(f".{target.name}{PART}")
     try:
         with naming(path, scratch):
             yield scratch
-            os.replace(scratch, path)
+            os.replace(scratch, target)
     finally:
         scratch.unlink(missing_ok=True)
 

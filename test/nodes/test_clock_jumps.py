@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from odometries import position, time_of
@@ -39,21 +40,43 @@ def test_vehicles_swim_on_by_a_steady_clock(lab):
     assert ways.max() <= 0.5 * PAUSE_S  # at 0.5 m/s
 
 
-def test_commands_are_sent_on_by_a_steady_clock(lab):
-    lab.begin({"settle_s": 0.0})
-    node = lab.start(FormationNode)
-    heard = lab.listen(TwistStamped, "cmd_vel")
-    lab.connect()
-    set_clock(node, TIMES[0])
+def track_at(stamp_ns):
     track = Odometry(child_frame_id="base_link_by_light")
-    track.header.frame_id, track.header.stamp = "leader/beacon", time_of(TIMES[0] * 10**9)
+    track.header.frame_id, track.header.stamp = "leader/beacon", time_of(stamp_ns)
     track.pose.pose.position.x, track.pose.pose.orientation.w = -6.0, 1.0
     covariance = np.zeros((6, 6))
     chosen = np.ix_([0, 1, 2, 4, 5], [0, 1, 2, 4, 5])
     covariance[chosen] = correlated([0.1, 0.1, 0.1, 0.05, 0.05])
     covariance[3, 3] = 1e-4
     track.pose.covariance = covariance.ravel().tolist()
-    node.on_track(track)
+    return track
+
+
+@pytest.mark.parametrize("whose", ["the node's", "the sensor's", "both"])
+def test_a_clock_that_is_set_takes_no_leader_away(lab, whose):
+    """Within a minute of the steady clock, whatever the others show."""
+    lab.begin({"settle_s": 0.0, "light_timeout_s": 60.0, "min_distance_m": 0.0})
+    node = lab.start(FormationNode)
+    states = lab.listen(DiagnosticStatus, "follow_state")
+    heard = lab.listen(TwistStamped, "cmd_vel")
+    lab.connect()
+    for i, seconds in enumerate((1000, 970, 970, 1040, 5000, 1000)):
+        set_clock(node, 1000 if whose == "the sensor's" else seconds)
+        stamp_s = 1000 if whose == "the node's" else seconds
+        node.on_track(track_at(stamp_s * 10**9 + i * 10**6))
+        wanted = len(heard) + 3
+        lab.until(lambda wanted=wanted: len(heard) >= wanted, "three commands")
+        lab.report(node, DiagnosticStatus.OK)
+    assert {state.message for state in states} <= {"waiting", "locked"}
+
+
+def test_commands_are_sent_on_by_a_steady_clock(lab):
+    lab.begin({"settle_s": 0.0})
+    node = lab.start(FormationNode)
+    heard = lab.listen(TwistStamped, "cmd_vel")
+    lab.connect()
+    set_clock(node, TIMES[0])
+    node.on_track(track_at(TIMES[0] * 10**9))
     for seconds in TIMES:
         set_clock(node, seconds)
         stamp = time_of(seconds * 10**9)

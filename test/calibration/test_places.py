@@ -95,6 +95,7 @@ def test_times_find_the_nearest_image_or_all_of_a_span(tmp_path):
     np.testing.assert_allclose(found.rolls, [0, np.radians(9)])
     np.testing.assert_allclose(stds, [STDS, STDS])
     assert numbers.tolist() == [1, 0]
+    assert found.refused == {"images of no line of places.csv": 3}
     table.write_text(f"time_s,until_s,{HEAD}\n0.5,3,{line(pose, 0 * STDS)}\n", encoding="utf-8")
     found, stds, numbers = with_places(recording(), table)
     assert numbers.tolist() == [0, 0, 0]

@@ -26,7 +26,9 @@ class Follower:
 
     def __init__(self, lab, scene_file, method):
         self.lab = lab
-        lab.begin({"scene": scene_file, "estimator_node:method": method})
+        # Images of a test come faster than their stamps say, and poses settle by a steady clock.
+        given = {"estimator_node:method": method, "formation_node:settle_s": 0.0}
+        lab.begin({"scene": scene_file} | given)
         self.feature, self.estimator, self.formation = (
             lab.start(lambda node=node: node) for node in follower()
         )
@@ -75,7 +77,7 @@ def test_an_image_gets_the_answers_of_three_processes_without_a_topic_between(
     for node in (rov.feature, rov.estimator):
         rov.lab.report(node, OK, "answered")
     # It warns that the light is gone by the time that a busy machine asks it for a report.
-    assert rov.formation.diagnostics.totals["answered"] >= 2
+    assert rov.formation.diagnostics.totals["taken"] == 2
 
 
 @BOTH

@@ -294,6 +294,7 @@ class Estimator:
         near = self._fit.guide._replace(
             units=np.ascontiguousarray(self.table.index.units(rows).T),
             poses=poses,
+            roots=self._fit.guide.roots[:, :0].copy(),
             candidates=1,
             gaussian=True,
         )

@@ -139,7 +139,7 @@ def disbelieve(problem: Problem, guide: Guide) -> tuple[Array, float]:
     weights, readings, noise = problem.weights, problem.readings, problem.noise
     detectors, sight = len(readings) // lamps_of(problem), np.sqrt(np.maximum(readings, 0.0))
     seen, squares = np.empty(guide.side * guide.side), np.empty(detectors)
-    most, distances = max(detectors // (LIT_EACH + 1), 1), np.empty(guide.roots.shape[1])
+    most, distances = max(detectors // (LIT_EACH + 1), 1), np.empty(guide.units.shape[1])
     for row in range(len(distances)):
         write_unlike(guide, row, sight, seen)
         distances[row] = np.sort(seen)[: len(seen) - max(len(seen) // (LIT_EACH + 1), 1)].sum()

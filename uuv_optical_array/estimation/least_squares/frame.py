@@ -25,7 +25,6 @@ from uuv_optical_array.estimation.least_squares.problem import (
     MANY_STEPS,
     MOST_STEPS,
     POSE,
-    UNUSUAL,
     USUAL,
     Problem,
     State,
@@ -47,9 +46,9 @@ from uuv_optical_array.estimation.least_squares.starts import (
 from uuv_optical_array.estimation.least_squares.thinned import thinned
 from uuv_optical_array.estimation.unknowns.coordinates import quarter_turn, to_lamp
 
-MOST_STARTS = 64
-# So few lit detectors fit many poses, and all starts are tried at once.
-FEW_LIT = 10
+MORE = 4  # times as many starts where the first ones leave doubt
+# So few lit detectors fit many poses, and so many starts are tried.
+FEW_LIT, MOST_STARTS = 10, 64
 # Fits closer together than this, in standard deviations, are in one minimum.
 DISTINCT = 3.0
 # Minima that are this much less probable, as a logarithm, leave no trace.
@@ -58,7 +57,8 @@ NEGLIGIBLE = 12.0
 RIVAL = 6.0
 # Steps after which the damping begins anew: the first ones, from afar, may have damped too much.
 LONG_STEPS = 2
-# Near the lamp valleys are long and bent: so many minima are followed to their end, in more steps.
+# Near the lamp valleys are long and bent: so many minima of few lit detectors are followed to their
+# end, in more steps.
 FOLLOWED = 16
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
@@ -159,14 +159,12 @@ def find_minima(
     if len(guide.readings) == len(problem.readings):
         return search(problem, guide, unit, nearest)
     few = thinned(problem, guide.readings, guide.blur)
-    found, score = search(few, guide, unit, nearest)
+    found, _ = search(few, guide, unit, nearest)
     minima = found[:0]
     for state in found:
         if state.cost - found[0].cost < NEGLIGIBLE:
             insert(minima, settle(problem, state.parts[AT]))
-    if len(minima) > 0:
-        score = misfit(problem, minima[0].parts[AT])
-    return minima, score
+    return minima, score_of(problem, minima)
 
 
 def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> tuple[list[State], float]:
@@ -174,55 +172,52 @@ def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> tuple[l
 
     Where the first starts lead to rivals or to a fit that noise can hardly explain, more follow.
     """
-    most = min(MOST_STARTS, guide.units.shape[1])
-    enough = guide.gaussian or lit(problem) >= FEW_LIT
-    count = min(guide.candidates if enough else MOST_STARTS, most)
-    rows = rows_alike(problem, guide, unit, count) if count > guide.candidates else nearest
+    few, most = not guide.gaussian and lit(problem) < FEW_LIT, guide.units.shape[1]
+    rows, count, steps = nearest, guide.candidates, MOST_STEPS
+    if few:
+        count, steps = min(MOST_STARTS, most), FEW_STEPS
+        rows = rows_alike(problem, guide, unit, count)
     minima = [refine(problem, start_at(problem, guide.poses[rows[0]]), MOST_STEPS)]
     if not np.isfinite(minima[0].cost):
         minima.clear()
-    tried, score, first = 1, np.inf, True
-    while True:
-        steps = MOST_STEPS if count == guide.candidates else FEW_STEPS
-        for i in range(tried, count):
-            descend(problem, minima, start_at(problem, guide.poses[rows[i]]), steps)
-        if first and problem.frame.share > 0 and len(minima) > 0:
-            start = minima[0].parts[AT].copy()
-            for _ in range(3):
-                start[PITCH], start[YAW] = quarter_turn(start[PITCH], start[YAW])
-                insert(minima, refine(problem, start, MOST_STEPS))
-        if first and rivals(minima):
-            # In a long and bent valley the second may be on its way to the first.
-            second = refine(problem, minima[1].parts[AT], MANY_STEPS)
-            minima = minima[:1] + minima[2:]  # compiled, `del` would damage what others hold
-            insert(minima, second)
-        if len(minima) > 0:
-            score = misfit(problem, minima[0].parts[AT])
-            enough = score <= (USUAL if first else UNUSUAL)
-            if enough and not (first and rivals(minima)):
-                break
-        if count == most:
-            break
-        tried, count, first = 1 if first else count, min(4 * count, most), False
+    for i in range(1, count):
+        descend(problem, minima, start_at(problem, guide.poses[rows[i]]), steps)
+    if problem.frame.share > 0 and len(minima) > 0:
+        start = minima[0].parts[AT].copy()
+        for _ in range(3):
+            start[PITCH], start[YAW] = quarter_turn(start[PITCH], start[YAW])
+            insert(minima, refine(problem, start, MOST_STEPS))
+    if rivals(minima):
+        # In a long and bent valley the second may be on its way to the first.
+        second = refine(problem, minima[1].parts[AT], MANY_STEPS)
+        minima = minima[:1] + minima[2:]  # compiled, `del` would damage what others hold
+        insert(minima, second)
+    if not few:
+        score = score_of(problem, minima)
+        if score <= USUAL and not rivals(minima):
+            return minima, score
+        count = min(MORE * guide.candidates, most)
         rows = rows_alike(problem, guide, unit, count)
-    if count > guide.candidates:
-        found = minima[:FOLLOWED]
-        minima = minima[:0]
-        for state in found:
-            insert(minima, refine(problem, state.parts[AT], MANY_STEPS))
-        if len(minima) > 0:
-            score = misfit(problem, minima[0].parts[AT])
-    return minima, score
+        for i in range(1, count):
+            descend(problem, minima, start_at(problem, guide.poses[rows[i]]), FEW_STEPS)
+    found = minima[: FOLLOWED if few else guide.candidates]
+    minima = minima[:0]
+    for state in found:
+        insert(minima, refine(problem, state.parts[AT], MANY_STEPS))
+    return minima, score_of(problem, minima)
+
+
+def score_of(problem: Problem, minima: list[State]) -> float:
+    """Return the misfit of the best of minima; inf where there is none."""
+    return misfit(problem, minima[0].parts[AT]) if len(minima) > 0 else np.inf
 
 
 def minimum_from(problem: Problem, start: Array) -> tuple[list[State], float]:
     """Return the minimum that one start leads to, as `find_minima` does."""
-    minima, score = [refine(problem, start, MOST_STEPS)], np.inf
-    if np.isfinite(minima[0].cost):
-        score = misfit(problem, minima[0].parts[AT])
-    else:
+    minima = [refine(problem, start, MOST_STEPS)]
+    if not np.isfinite(minima[0].cost):
         minima.clear()
-    return minima, score
+    return minima, score_of(problem, minima)
 
 
 def posterior_about(problem: Problem, minima: list[State]) -> PosteriorMoments:

@@ -103,6 +103,13 @@ class Hypothesis(NamedTuple):
         return math.log(self.kind.share) + self.log_chance + self.frame.log_evidence
 
     @property
+    def refused(self) -> "Hypothesis":
+        """The hypothesis without a pose, where it has one."""
+        if self.frame.outcome != FITTED:
+            return self
+        return self._replace(frame=self.frame._replace(outcome=MISFIT))
+
+    @property
     def nearly_gaussian(self) -> bool:
         """Whether the posterior is nearly Gaussian, and the image as good as linear."""
         frame = self.frame
@@ -197,17 +204,19 @@ class ImageFit:
         found = [clear, dark] if dark else [clear]
         if dark and clear.frame.outcome != FITTED:
             return found
+        start = guide
+        if faults and clear.frame.score > DOUBTED:
+            mended = self._mended(image, kinds[0])
+            found.append(mended)
+            if mended.frame.outcome == FITTED:
+                start = self._from(mended.frame.best[:5], image.roll)
         if clear.frame.outcome == FITTED:
             found += filter(None, (self._beside(image, kind, clear) for kind in kinds[1:]))
-        else:
-            found += [self._uneven(kind, image.problem(kind), guide) for kind in kinds[:0:-1]]
-        if faults and clear.frame.score > DOUBTED:
+            return found
+        found += [self._uneven(kind, image.problem(kind), start) for kind in kinds[:0:-1]]
+        if faults and not any(each.frame.outcome == FITTED for each in found):
             # Very uneven light beside a few detectors that are not believed would explain anything.
-            for kind in kinds[:2]:
-                mended = self._mended(image, kind)
-                found += [mended] if mended else []
-                if any(each.frame.outcome == FITTED for each in found):
-                    break
+            found += [self._mended(image, kind) for kind in kinds[1:2]]
         return found
 
     def _hypothesis(
@@ -223,9 +232,7 @@ class ImageFit:
     def _uneven(self, kind: FrameKind, problem: Problem, guide: Guide) -> Hypothesis:
         """Fit an image as one that is not clear, which is to fit as well as most of these."""
         found = self._hypothesis(kind, problem, guide)
-        if self._fits(found) or found.frame.outcome != FITTED:
-            return found
-        return found._replace(frame=found.frame._replace(outcome=MISFIT))
+        return found if self._fits(found) else found.refused
 
     def _beside(self, image: Image, kind: FrameKind, clear: Hypothesis) -> Hypothesis | None:
         """Return an image as one of a kind near the fit of a clear frame, as far as that is likely.
@@ -240,22 +247,21 @@ class ImageFit:
         if not log_odds > LOG_CONSIDERED:
             return None
         if log_odds > LOG_LIKELY or self._linear:
-            there = self._from(clear.frame.best[:5], image.roll)
-            return self._uneven(kind, problem, there._replace(gaussian=bool(self._linear)))
+            return self._uneven(kind, problem, self._from(clear.frame.best[:5], image.roll))
         odds = moments.log_weight + clear.frame.log_evidence - clear.frame.linear_log_evidence
         frame = clear.frame._replace(
             pose=moments.mean, covariance=moments.covariance, log_evidence=odds
         )
         return Hypothesis(kind, problem, frame, None)
 
-    def _mended(self, image: Image, kind: FrameKind) -> Hypothesis | None:
-        """Return a frame some of whose readings are anything, where the others fit well."""
+    def _mended(self, image: Image, kind: FrameKind) -> Hypothesis:
+        """Fit an image some of whose readings are anything, where few are and the others fit."""
         problem = image.problem(kind)
         most, readings = most_faulty(problem), problem.readings.copy()
         problem = problem._replace(readings=readings, weights=np.ones(len(readings)))
         found = self._hypothesis(kind, problem, self.guide, doubting=True)
         few = np.count_nonzero(found.frame.weights < 0.5) <= most * self._model.scene.lamp_count
-        return found if few and self._fits(found) else None
+        return found if few and self._fits(found) else found.refused
 
     def _without_dark_lamp(
         self, image: Image, kind: FrameKind, problem: Problem, guide: Guide
@@ -282,14 +288,12 @@ class ImageFit:
         return found.frame.outcome == FITTED and found.frame.score <= self._most_mended
 
     def _from(self, pose: Array, roll: float) -> Guide:
-        """Return the guide of a fit from the pose of a follower of this roll, by Laplace."""
+        """Return the guide of a fit from the pose of a follower of this roll."""
         # The frame turns poses of level followers.
         poses = np.tile(turned_about_beam(pose, -roll), (2, 1))
         # Contiguous, else Numba compiles once more.
-        units, roots = (
-            np.ascontiguousarray(it[:, :2]) for it in (self.guide.units, self.guide.roots)
-        )
-        return self.guide._replace(poses=poses, units=units, roots=roots, gaussian=True)
+        units, roots = self.guide.units[:, :2].copy(), self.guide.roots[:, :0].copy()
+        return self.guide._replace(poses=poses, units=units, roots=roots, candidates=1)
 
     def _together(self, image: Image, found: list[Hypothesis]) -> Estimate:
         """Return the mixture of hypotheses; `NoPose` where none fits."""

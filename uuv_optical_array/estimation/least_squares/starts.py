@@ -39,7 +39,7 @@ class Guide(NamedTuple):
 
     - units: directions of signatures, of length one, by columns, shape ``(6, m)``.
     - poses: of these and more, m and rad, shape ``(k, 5)``.
-    - roots: square roots of their readings, by columns, shape ``(n, k)``.
+    - roots: square roots of their readings, by columns, shape ``(n, k)``, or ``(n, 0)``: not known.
     - weights: of the five key parameters, and the constant that is appended, shape ``(6,)``.
     - candidates: rows to start from, unless these leave doubt.
     - max_score: score of the misfit beyond which a fit is no pose.
@@ -159,7 +159,7 @@ def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
 def rows_alike(problem: Problem, guide: Guide, unit: Array, count: int) -> Any:
     """Return the rows of least chord, and between them those whose images are most alike."""
     rows, _ = nearest_rows(guide.units, unit, count)
-    if not guide.gaussian:
+    if guide.roots.shape[1] > 0:
         roots = np.sqrt(np.maximum(problem.readings, 0.0))
         alike, _ = nearest_rows(guide.roots, roots, count // 2)
         for k in range(count - 1, 0, -1):

@@ -8,10 +8,13 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares import problem as problem_module
 from uuv_optical_array.estimation.least_squares.image_fit import Image
 from uuv_optical_array.estimation.least_squares.problem import (
+    AT,
     GRADIENT,
     INFORMATION,
+    MANY_STEPS,
     evaluate,
     light_at,
+    refine,
     settle,
     start_at,
 )
@@ -24,6 +27,7 @@ from uuv_optical_array.estimation.least_squares.thinned import (
     thinned_optics,
 )
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.working_volume import lit_poses
 
 POSE = np.array([-5.0, 0.3, -0.2, 0.1, -0.15])
 BLUR = {"effects": {"forward_scatter": {"window_m": 0.05}}}
@@ -125,3 +129,26 @@ def test_a_narrow_valley_that_bends_is_followed_in_few_steps(monkeypatch, sign):
     best = settle(problem, truth + sign * problem.reach * axes[:, 0])
     assert best.cost == pytest.approx(state.cost, abs=0.02)
     assert len(calls) <= 7  # steps that only lead downhill take 31 and more
+
+
+def test_a_step_that_ends_beside_a_bent_valley_is_not_taken_back_at_once(monkeypatch):
+    """Against a descent that takes back each step uphill, in as many steps as it needs."""
+    model, rng = of_side(51), np.random.default_rng(3)
+    fit, poses = Estimator(model.scene, compiled=False)._fit, lit_poses(model, 12, rng)
+    stds = model.scene.prior.nuisance_std()
+    seas = {name: std * rng.standard_normal(12) for name, std in stds.items()}
+    counted, calls = problem_module.likelihood_of, []
+
+    def likelihood_of(*given):
+        calls.append(1)
+        counted(*given)
+
+    monkeypatch.setattr(problem_module, "likelihood_of", likelihood_of)
+    for image, pose in zip(model.expose(poses, rng, offsets=seas), poses, strict=True):
+        problem = Image(image.ravel(), 0.0, None).problem(fit._kinds[0])
+        few = thinned(problem, fit.guide.readings, fit.guide.blur)
+        start = refine(few, start_at(few, pose)).parts[AT]
+        calls.clear()
+        best = settle(problem, start)
+        assert len(calls) <= 7
+        assert best.cost < refine(problem, best.parts[AT], MANY_STEPS).cost + 0.05

@@ -16,8 +16,6 @@ from needs import numba
 from uuv_optical_array.control.follow_record import least_distance
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.likelihood import censored
-from uuv_optical_array.estimation.least_squares.posterior import laplace
-from uuv_optical_array.estimation.least_squares.problem import INFORMATION, POSE_SLOPES, State
 from uuv_optical_array.forward.optics import (
     transmit_beer,
     transmit_housing,
@@ -200,15 +198,6 @@ def test_on_a_numba_that_is_not_known_inner_functions_are_compiled_in_its_own_wa
     linked, *answer = printed(WITH_INNER_FUNCTIONS.format(version=version), tmp_path).split()
     assert linked == str(known)
     np.testing.assert_allclose([float(x) for x in answer], censored(3.0, 5.0, 1.0, 2.0), rtol=1e-12)
-
-
-def test_references_to_the_arrays_of_a_tuple_are_given_back():
-    parts = np.vstack([np.zeros((INFORMATION, 5)), np.eye(5)])
-    parts[POSE_SLOPES : POSE_SLOPES + 5] = np.eye(5)
-    state, references = State(1.0, 0.0, parts), sys.getrefcount(parts)
-    moments = [compilation.compiled(laplace)(state) for _ in range(10)]
-    assert sys.getrefcount(parts) == references
-    np.testing.assert_allclose([each.covariance for each in moments], [np.eye(5)] * 10, atol=1e-12)
 
 
 def test_in_a_folder_of_this_user_alone_code_is_kept_and_in_no_other(kept, tmp_path):

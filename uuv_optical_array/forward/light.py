@@ -7,10 +7,10 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from numpy import exp, maximum, minimum, sqrt
+from numpy import maximum, minimum, sqrt
 
 from uuv_optical_array.core.geometry import dot
-from uuv_optical_array.core.numerics.elementwise import choose, law
+from uuv_optical_array.core.numerics.elementwise import choose, exp, law
 from uuv_optical_array.core.settings import Quantity
 
 # The inverse square of a point does not hold nearer than the size of the lamp.

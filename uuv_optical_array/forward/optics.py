@@ -8,12 +8,13 @@ compiled code it is a number, of one pose.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from numpy import exp, maximum, sqrt
+from numpy import maximum, sqrt
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import (
     beside,
     choose,
+    exp,
     indices,
     law,
     sandwich,
@@ -215,6 +216,8 @@ def transmitter(law: Callable[..., Any]) -> Callable[..., None]:
                 beam[BY_INCIDENCE, j] += by_incidence
                 beam[row, j] = by_a
 
+    # A linker takes functions of one name, in files of the cache, for the same one.
+    transmit.__qualname__ = f"transmit_{law.__name__}"
     return transmit
 
 

@@ -19,9 +19,9 @@ for sea water. The absorption is a factor that `effects.water.beer` describes.
 
 from typing import Any
 
-from numpy import exp, expm1, maximum, minimum, sqrt
+from numpy import maximum, minimum, sqrt
 
-from uuv_optical_array.core.numerics.elementwise import law
+from uuv_optical_array.core.numerics.elementwise import exp, expm1, law
 
 CORE, HALO = 0.0013, 0.0754  # C and H, rad^2
 SHARE, LOSS = 0.188, 0.0562  # B and K

@@ -1,8 +1,8 @@
 """The same functions, compiled by Numba where that is installed (the extra ``fast``).
 
 Numba is imported when something is first compiled, so that nothing else waits for it.
-`compiled` copies a function and all functions of this package that it calls, with the helpers of
-`elementwise` and some functions of NumPy and SciPy replaced by those of `compiled_math`.
+A function is compiled with all plain functions of this package that it calls; `compiled_math` tells
+Numba what these are, and what the helpers of `elementwise` and some functions of SciPy are.
 """
 
 import contextlib
@@ -18,13 +18,14 @@ import threading
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from types import CellType, CodeType, FunctionType
 from typing import Any
 
 from uuv_optical_array.core.extras import install_line
 from uuv_optical_array.core.storage import files
 
-OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp"}}
+# Without the freedom to contract, to reorder and to multiply by inverses an evaluation of the
+# posterior takes 1.16 times as long.
+FASTMATH = {"contract", "arcp", "reassoc"}
 SOURCES = ("core", "forward", "estimation")  # the folders whose functions may be compiled
 KEPT = 8  # caches of other versions of the package that are left on disk
 SUM, TURN = "sha256", "turn"  # beside Numba's folders: their sum, and the lock of who uses them
@@ -41,8 +42,18 @@ def compiled(function: Callable[..., Any]) -> Any:
 
     ValueError where Numba is not installed, or not for this NumPy.
     """
-    numba, twin, options = _prepared(function, inner=False)
-    return numba.njit(no_cfunc_wrapper=True, **options)(twin)
+    if function.__module__.startswith(files.PACKAGE) and not is_source(function):
+        raise ValueError(
+            f"compiled: {function.__module__}.{function.__qualname__}: a change there would not be "
+            f"noticed; move the function to one of {', '.join(SOURCES)}"
+        )
+    return _numba().njit(**options(function, inner=False))(function)
+
+
+def is_source(function: Callable[..., Any]) -> bool:
+    """Say whether a function is one of the package's that may be compiled."""
+    package, _, place = function.__module__.partition(".")
+    return package == files.PACKAGE and place.partition(".")[0] in SOURCES
 
 
 def prepare(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
@@ -128,54 +139,30 @@ def loaded(function: Callable[..., Any]) -> Callable[..., Any]:
 @cache
 def compiled_inside(function: Callable[..., Any]) -> Any:
     """Return a function compiled to be called from compiled code only."""
-    numba, twin, options = _prepared(function, inner=True)
-    return numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(twin)
+    return _numba().njit(**options(function, inner=True))(function)
 
 
+@cache
 def _numba() -> Any:
+    """Import Numba, and tell it what functions of this package are in compiled code."""
     try:
-        return importlib.import_module("numba")
+        numba = importlib.import_module("numba")
     except ImportError as error:
         raise ValueError(f"compiled: {error}; install Numba: {install_line('fast')}") from None
+    importlib.import_module(f"{__package__}.compiled_math")
+    return numba
 
 
-def _prepared(function: Any, inner: bool) -> tuple[Any, FunctionType, dict[str, Any]]:
-    """Return Numba, a copy of a function that calls compiled ones, and the options of ``njit``."""
-    package, _, place = function.__module__.partition(".")
-    if package == files.PACKAGE and place.partition(".")[0] not in SOURCES:
-        raise ValueError(
-            f"compiled: {function.__module__}.{function.__qualname__}: a change there would not be "
-            f"noticed; move the function to one of {', '.join(SOURCES)}"
-        )
-    numba = _numba()
-    replaced = importlib.import_module(f"{__package__}.compiled_math").REPLACED
-    linking = importlib.import_module(f"{__package__}.linked_functions").options(inner)
+def options(function: Callable[..., Any], inner: bool) -> dict[str, Any]:
+    """Return the options of Numba's ``njit`` for a function.
 
-    def instead(value: Any) -> Any:
-        if callable(value) and not isinstance(value, type) and value in replaced:
-            return replaced[value]
-        ours = isinstance(value, FunctionType) and value.__module__.startswith(files.PACKAGE)
-        return compiled_inside(value) if ours else value
-
-    code, mine = function.__code__, dict(function.__globals__)
-    mine |= {name: instead(mine[name]) for name in _names(code) & mine.keys()}
-    cells = tuple(CellType(instead(cell.cell_contents)) for cell in function.__closure__ or ())
-    twin = FunctionType(code, mine, function.__name__, function.__defaults__, cells)
-    # A linker takes a function for one of the same name in another file of the cache, so those of
-    # one source that call others have names of their own.
-    inside = [cell.cell_contents for cell in function.__closure__ or ()]
-    calls = [each.__qualname__ for each in inside if isinstance(each, FunctionType)]
-    twin.__qualname__ = "_of_".join([function.__qualname__, *calls])
-    twin.__module__ = function.__module__
-    options = OPTIONS | linking | ({"forceinline": True} if hasattr(function, "inline") else {})
-    if hasattr(function, "reorder"):
-        options["fastmath"] = options["fastmath"] | {"reassoc"}
-    return numba, twin, options
-
-
-def _names(code: CodeType) -> set[str]:
-    inner = (const for const in code.co_consts if isinstance(const, CodeType))
-    return set(code.co_names).union(*(_names(const) for const in inner))
+    `benchmarks/kernel.py` measures what each of those that are not plain earns.
+    """
+    given: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FASTMATH}
+    given |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": inner}
+    if hasattr(function, "inline"):
+        given["forceinline"] = True
+    return given | importlib.import_module(f"{__package__}.linked_functions").options(inner)
 
 
 def _own(status: os.stat_result) -> bool:

@@ -1,7 +1,7 @@
 """What lets one source serve NumPy and Numba: loops and choices for numbers and arrays alike.
 
-A law is written once, for "the reading j". To NumPy j is a slice of all readings, to Numba a number
-(see `compilation`). Between them only the functions of this module differ.
+A law is written once, for "the reading j". To NumPy j is a slice of all readings, to Numba a
+number. Between them only the functions of this module differ (see `compiled_math`).
 """
 
 from collections.abc import Callable, Iterable
@@ -13,9 +13,22 @@ Law = TypeVar("Law", bound=Callable[..., Any])
 
 
 def law(function: Law) -> Law:
-    """Mark a function of numbers or arrays, without loops, to be compiled into its callers."""
+    """Mark a function of numbers or arrays, without loops, to be compiled into its callers.
+
+    Else an evaluation of the posterior takes 1.25 times as long, as loops do not become vectors.
+    """
     function.inline = True  # type: ignore[attr-defined]
     return function
+
+
+def exp(x: Any) -> Any:
+    """Return what `numpy.exp` returns."""
+    return np.exp(x)
+
+
+def expm1(x: Any) -> Any:
+    """Return what `numpy.expm1` returns."""
+    return np.expm1(x)
 
 
 def indices(count: int) -> Iterable[Any]:
@@ -52,10 +65,7 @@ def total(values: Any) -> Any:
 
 
 def workspace(rows: int, component: Any, count: int) -> Any:
-    """Return an empty array of rows of `count` readings, for each pose of a component or row.
-
-    In compiled code it lies on the stack: it must not be returned, nor made in a loop.
-    """
+    """Return an empty array of rows of `count` readings, for each pose of a component or row."""
     return np.empty((rows, *np.shape(component)[:-1], count))
 
 
@@ -65,7 +75,7 @@ def stack(*components: Any) -> Any:
 
 
 def zeros(rows: int, columns: int, component: Any) -> Any:
-    """Return a small matrix of zeros for each pose of a component; on the stack, as `workspace`."""
+    """Return a small matrix of zeros for each pose of a component."""
     return np.zeros((rows, columns, *np.shape(component)))
 
 

@@ -1,16 +1,15 @@
-"""Inner functions that Numba compiles only into their callers, in half of the time.
+"""Inner functions that Numba compiles only into their callers.
 
-Numba optimises and emits each function by itself and once more in each caller. An inner function
-is called from compiled code alone, so its library here is only linked into that of its caller. And
-a tenth of the time Numba compares options, and takes values apart to count what they do not hold.
-This uses Numba's internals, so only in versions in which it was tried; others compile as usual.
+Numba optimises and emits each function by itself and once more in each caller, and so compiles the
+fit for 2.5 times as long. An inner function is called from compiled code alone, so its library here
+is only linked into that of its caller. This uses Numba's internals, so only in versions in which it
+was tried; others compile as usual.
 """
 
 from typing import Any
 
 import numba
 from numba.core import codegen, compiler
-from numba.core.runtime.context import NRTContext
 
 TRIED = ("0.68.",)  # versions, by their beginning
 
@@ -56,28 +55,6 @@ def _collect(library: Any, needed: dict[Any, None]) -> None:
                 _collect(other, needed)
 
 
-class _Flags(compiler.Flags):
-    """Options of a function, which each operation in it compares with those of others."""
-
-    def __hash__(self) -> int:
-        return len(self._values)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, compiler.Flags) and self._values == other._values
-
-
-class _References(NRTContext):
-    """Counts references to arrays; what holds none is not taken apart for that."""
-
-    def get_meminfos(self, builder: Any, kind: Any, value: Any) -> list[Any]:
-        models = self._context.data_model_manager
-        if models[kind].has_nrt_meminfo():
-            return [(kind, models[kind].get_nrt_meminfo(builder, value))]
-        parts = models[kind].traverse(builder)
-        held = [part for part in parts if models[part[0]].contains_nrt_meminfo()]
-        return [at for each, get in held for at in self.get_meminfos(builder, each, get(value))]
-
-
 class _InnerCompiler(compiler.Compiler):
     library: Any = _InnerLibrary
 
@@ -86,8 +63,6 @@ class _InnerCompiler(compiler.Compiler):
             library = self.library(target.codegen(), "linked")
             library.enable_object_caching()
         super().__init__(typing, target, library, *arguments)
-        self.state.flags, own = _Flags(self.state.flags), self.state.targetctx
-        own.nrt = _References(own, own.enable_nrt)
 
 
 class _OuterCompiler(_InnerCompiler):

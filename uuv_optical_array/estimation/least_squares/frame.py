@@ -107,9 +107,6 @@ def is_near(parts: Array, known: Array) -> bool:
     return bool(distance < DISTINCT * DISTINCT)
 
 
-is_near.reorder = True  # type: ignore[attr-defined]
-
-
 def insert(minima: list[State], state: State) -> None:
     """Put a fit among the minima, best first, each once."""
     if not np.isfinite(state.cost):

@@ -8,10 +8,10 @@ same mean and variance, less what the fit takes away.
 import math
 from typing import Any
 
-from numpy import exp, maximum, minimum, sqrt
+from numpy import maximum, minimum, sqrt
 from scipy.special import ndtr
 
-from uuv_optical_array.core.numerics.elementwise import choose, law
+from uuv_optical_array.core.numerics.elementwise import choose, exp, law
 from uuv_optical_array.forward.optics import ReadingNoise
 
 FITTED = 5  # numbers of the pose; every other unknown has a prior, whose square counts too

@@ -176,9 +176,6 @@ def normal_equations(image: Any, likelihood: Any, spans: Any, parts: Any) -> Non
             parts[INFORMATION + s, q] = known
 
 
-normal_equations.reorder = True  # type: ignore[attr-defined]  # sums in any order
-
-
 def evaluate(problem: Problem, at: Array) -> State:
     """Return the posterior at a place, shape ``(p,)``, with derivatives."""
     size, n = len(at), len(problem.readings)
@@ -237,9 +234,6 @@ def nuisance_cost(problem: Problem, at: Array) -> float:
             other = at[5 + j] - problem.nuisance_mean[j]
             cost += 0.5 * off * problem.nuisance_precision[i, j] * other
     return cost
-
-
-nuisance_cost.reorder = True  # type: ignore[attr-defined]
 
 
 def write_volume_slopes(frame: CoordinateFrame, lamp: Any, lamp_slopes: Any, parts: Any) -> None:

@@ -17,10 +17,10 @@ All functions take numbers, or components of many poses at once.
 
 from typing import Any, NamedTuple
 
-from numpy import arctan2, cos, exp, hypot, log, maximum, minimum, sin, sqrt
+from numpy import arctan2, cos, hypot, log, maximum, minimum, sin, sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, dot, lamp_in_body, pitched, rotation
-from uuv_optical_array.core.numerics.elementwise import choose, law, stack
+from uuv_optical_array.core.numerics.elementwise import choose, exp, law, stack
 from uuv_optical_array.forward.lamps import SIGMA
 from uuv_optical_array.forward.light import off_axis
 from uuv_optical_array.forward.model import ForwardModel

@@ -3,10 +3,9 @@
 from typing import Annotated, Any
 
 import numpy as np
-from numpy import exp
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.numerics.elementwise import law
+from uuv_optical_array.core.numerics.elementwise import exp, law
 from uuv_optical_array.core.settings import Quantity, one_way
 from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.effects.forms import Background, Blur, Scattering, Transmission

@@ -2,7 +2,7 @@
 
 A row is a process of its own that compiles the fit into an empty cache, then estimates lit images;
 the yardstick of `frames` runs between them. Ratios are to all of them together, which is the first
-row, and again the last. Names as words: those rows alone.
+row, and again the last. Names as words: those rows alone, of several departures between commas.
 """
 
 import gc
@@ -61,12 +61,13 @@ WITHOUT: dict[str, Callable[[], None]] = {
     "fastmath": with_options(fastmath=False),
     "no wrappers": with_options(no_cpython_wrapper=None, no_cfunc_wrapper=None),
 }
+VECTORS = "exp and expm1, laws inlined, fastmath"  # what loops need together to become vectors
 
 
 def measure(name: str) -> dict[str, float]:
     """Compile without a departure, and estimate; returns CPU seconds and medians in yardsticks."""
     for departure, remove in WITHOUT.items():
-        if name in (departure, PLAIN):
+        if name == PLAIN or departure in name.split(", "):
             remove()
     gc.disable()
     before = time.process_time()
@@ -96,7 +97,7 @@ def main() -> None:
         print(json.dumps(measure(sys.argv[2])))
         return
     first: dict[str, float] = {}
-    for name in sys.argv[1:] or (AS_IT_IS, *WITHOUT, PLAIN, AS_IT_IS):
+    for name in sys.argv[1:] or (AS_IT_IS, *WITHOUT, VECTORS, PLAIN, AS_IT_IS):
         with tempfile.TemporaryDirectory() as empty:
             program = [sys.executable, __file__, "--row", name]
             variables = {**os.environ, "NUMBA_CACHE_DIR": empty}
@@ -106,7 +107,7 @@ def main() -> None:
         row = json.loads(done.stdout.splitlines()[-1])
         first = first or row
         cells = (f"{key} {row[key]:.1f} ({row[key] / first[key]:.2f})" for key in row)
-        print(f"{name:18}", *cells, sep="  ", flush=True)
+        print(f"{name:40}", *cells, sep="  ", flush=True)
 
 
 if __name__ == "__main__":

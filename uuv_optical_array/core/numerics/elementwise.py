@@ -15,7 +15,8 @@ Law = TypeVar("Law", bound=Callable[..., Any])
 def law(function: Law) -> Law:
     """Mark a function of numbers or arrays, without loops, to be compiled into its callers.
 
-    Else an evaluation of the posterior takes 1.25 times as long, as loops do not become vectors.
+    So loops that call it become vectors: without this alone a frame takes 1.06 times as long, and
+    1.23 times without what else they need (`compilation.FASTMATH`).
     """
     function.inline = True  # type: ignore[attr-defined]
     return function

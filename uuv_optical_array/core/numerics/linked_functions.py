@@ -1,9 +1,9 @@
 """Inner functions that Numba compiles only into their callers.
 
 Numba optimises and emits each function by itself and once more in each caller, and so compiles the
-fit for 2.5 times as long. An inner function is called from compiled code alone, so its library here
-is only linked into that of its caller. This uses Numba's internals, so only in versions in which it
-was tried; others compile as usual.
+fit for 2.4 times as long (benchmarks/kernel.py). An inner function is called from compiled code
+alone, so its library here is only linked into that of its caller. This uses Numba's internals, so
+only in versions in which it was tried; others compile as usual.
 """
 
 from typing import Any

@@ -11,6 +11,7 @@ from uuv_optical_array.core.settings import (
     MAX_VALUES,
     Cells,
     Grid,
+    Numbers,
     Order,
     Quantity,
     Setting,
@@ -113,6 +114,8 @@ def _value(setting: Setting) -> Schema:
         return {**schema, **_list([number, number, many], 3)}
     if kind == Cells:
         return {**schema, **_list(_list(whole, 2))}
+    if kind == Numbers:
+        return {**schema, **_list(number)}
     if kind == Grid:
         return {**schema, **_list({**_list(number), "minItems": 1}), "minItems": 1}
     if kind == Order:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from effect_settings import middle_settings
 from needs import numba
-from scenes import make_scene
+from scenes import changed, make_scene
 
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.forward.effects import EFFECTS
@@ -71,3 +71,10 @@ def test_the_readings_at_many_poses_are_the_images_of_the_model_with_every_effec
 @pytest.mark.usefixtures("way")
 def test_the_readings_at_many_poses_are_the_images_of_the_model_in_ready_scenes(name):
     assert_readings(ForwardModel(load_scene(name)))
+
+
+@pytest.mark.parametrize("name", ["reference", "harbour"])
+@pytest.mark.usefixtures("way")
+def test_the_readings_at_many_poses_are_the_images_of_the_model_of_a_beam_of_three(name):
+    beam = {"beam_widths": [0.6, 1.0, 1.8], "beam_weights": [-0.2, 0.8, 0.4]}
+    assert_readings(ForwardModel(changed(name, lamp=beam)))

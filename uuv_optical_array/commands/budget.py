@@ -25,6 +25,7 @@ from uuv_optical_array.core.settings import Quantity, declared
 from uuv_optical_array.core.storage.yaml_text import text_of
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.tolerances import tolerances
+from uuv_optical_array.forward.beam import gaussians_of
 from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.link_budget import Instrument, keys, least_watts, scene_with
 from uuv_optical_array.forward.model import ForwardModel
@@ -54,11 +55,13 @@ def report(scene: Scene, instrument: Instrument, base: str) -> str:
     beam, full_scale = scene.lamp.beam_sigma_deg, scene.full_scale_counts
     lamps = scene.lamps or (BeaconLamp(),)
     whole = sum(lamp.power for lamp in lamps)
+    shape = gaussians_of(scene.lamp)
     group, blue, thermal = max(
-        instrument.risk_group(lamp.beam_sigma_deg or beam, lamp.power / whole) for lamp in lamps
+        instrument.risk_group(lamp.beam_sigma_deg or beam, lamp.power / whole, shape)
+        for lamp in lamps
     )
     of, dark = instrument, np.sqrt(ForwardModel(scene).noise.variance)
-    lit, on_axis = f"{of.lamp_w:.4g} W in a beam of {beam:g} deg", of.intensity(beam)
+    lit, on_axis = f"{of.lamp_w:.4g} W in a beam of {beam:g} deg", of.intensity(beam, shape)
     names = f"{len(lamps)} lamps" if scene.lamps else "lamp"
     amplifier = f"{of.amplifier_noise():.2g} A/sqrt(Hz) in {of.bandwidth_hz:g} Hz"
     count = f"{of.amps_per_count:.3g} A, {1 / of.counts_per_w_per_m2:.3g} W/m^2"

@@ -4,14 +4,12 @@ Functions take numbers or arrays, in m, rad and counts: see `core.numerics.eleme
 """
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 from numpy import maximum, minimum, sqrt
 
 from uuv_optical_array.core.geometry import dot
 from uuv_optical_array.core.numerics.elementwise import choose, exp, law
-from uuv_optical_array.core.settings import Quantity
 
 # The inverse square of a point does not hold nearer than the size of the lamp.
 MIN_RANGE_M = 1e-3
@@ -30,33 +28,6 @@ SQUARED_ANGLE = (
     *(0.17777777779004794, 0.333333333333282, 1.0),
 )
 EVEN, ODD = SQUARED_ANGLE[::2], SQUARED_ANGLE[1::2]  # powers, summed side by side
-
-
-@dataclass(frozen=True)
-class LampSettings:
-    """The lamp of a scene: a Gaussian beam, and its power by what the array reads of it."""
-
-    beam_sigma_deg: Annotated[float, Quantity("standard deviation of the beam", "deg", 0.1, 90)]
-    reference_counts: Annotated[
-        float, Quantity("largest reading, aligned at the reference", "counts", 1, 1e6)
-    ]
-    reference_range_m: Annotated[
-        float, Quantity("base_link behind the lamp for that reading", "m", 0.1, 1000)
-    ]
-
-
-def beam_solid_angle(sigma_rad: float) -> float:
-    """Flux of a Gaussian beam over its intensity on the axis, sr.
-
-    That is ``2 pi`` times the integral of ``exp(-eta^2 / (2 sigma^2)) sin eta`` from 0 to pi; for a
-    narrow beam ``2 pi sigma^2``.
-    """
-    # Imported here because it takes a tenth of a second, which nodes need not spend.
-    from scipy.integrate import quad
-
-    end = min(math.pi, 12 * sigma_rad)  # quad would miss a narrow peak in a wide interval
-    integral, _ = quad(lambda eta: math.exp(-((eta / sigma_rad) ** 2) / 2) * math.sin(eta), 0, end)
-    return 2 * math.pi * float(integral)
 
 
 @law
@@ -125,6 +96,42 @@ def lamp_light(
     light = power * inverse * inverse * exp(-half_square * precision) * facing
     by_sigma = 2 * half_square * precision / beam_sigma_rad
     return light, -2 * inverse, -precision, by_incidence, by_sigma
+
+
+@law
+def beam_of_three(half_square: Any, beam_sigma_rad: Any, gaussians: Any) -> tuple[Any, Any, Any]:
+    """Return the radiance of a beam of three Gaussians over that on the axis, and its slopes.
+
+    - gaussians: weights on the axis, and widths over the beam's sigma, shape ``(2, 3)``.
+    - returned by_half_square, by_sigma: slopes of the logarithm; 0 where the beam is dark.
+    """
+    beam, by_half_square = 0.0, 0.0
+    precision = 1 / (beam_sigma_rad * beam_sigma_rad)
+    for k in range(3):
+        own = precision / (gaussians[1, k] * gaussians[1, k])
+        part = gaussians[0, k] * exp(-half_square * own)
+        beam, by_half_square = beam + part, by_half_square - part * own
+    beam = maximum(beam, 0.0)
+    by_half_square = choose(beam > 0, by_half_square / maximum(beam, 1e-300), 0.0)
+    by_sigma = -2 * half_square * by_half_square / beam_sigma_rad
+    return beam, by_half_square, by_sigma
+
+
+@law
+def lamp_light_of_three(
+    range_m: Any,
+    half_square: Any,
+    incidence: Any,
+    power: Any,
+    beam_sigma_rad: Any,
+    gaussians: Any,
+) -> tuple[Any, Any, Any, Any, Any]:
+    """Return the same as `lamp_light` of a beam of three Gaussians, as of `beam_of_three`."""
+    inverse = 1 / range_m
+    facing, by_incidence = lambert(incidence)
+    beam, by_half_square, by_sigma = beam_of_three(half_square, beam_sigma_rad, gaussians)
+    light = power * inverse * inverse * beam * facing
+    return light, -2 * inverse, by_half_square, by_incidence, by_sigma
 
 
 @law

@@ -12,9 +12,10 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.forward.beam import UNIT, beam_solid_angle, gaussians_of
 from uuv_optical_array.forward.effects.electronics import PARTS, Part
-from uuv_optical_array.forward.light import beam_solid_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
@@ -70,9 +71,10 @@ class Instrument:
         amps = self.filter * sheet.area_m2 * sheet.responsivity_a_per_w
         return amps / self.amps_per_count
 
-    def intensity(self, beam_sigma_deg: float) -> float:
-        """Return the radiant intensity on the axis of a Gaussian beam, W/sr."""
-        return self.lamp_w * self.optics / beam_solid_angle(math.radians(beam_sigma_deg))
+    def intensity(self, beam_sigma_deg: float, gaussians: Array = UNIT) -> float:
+        """Return the radiant intensity on the axis of a beam of `beam.gaussians_of`, W/sr."""
+        solid_angle = beam_solid_angle(math.radians(beam_sigma_deg), gaussians)
+        return self.lamp_w * self.optics / solid_angle
 
     def amplifier_noise(self) -> float:
         """Return the noise of amplifier and converter as a current at the input, A/sqrt(Hz).
@@ -86,12 +88,15 @@ class Instrument:
         converter = (self.converter_v_per_rthz / self.feedback_ohm) ** 2
         return math.sqrt(voltage + self.amplifier_a_per_rthz**2 + converter)
 
-    def risk_group(self, beam_sigma_deg: float, share: float = 1.0) -> tuple[int, float, float]:
+    def risk_group(
+        self, beam_sigma_deg: float, share: float = 1.0, gaussians: Array = UNIT
+    ) -> tuple[int, float, float]:
         """Return the risk group of IEC 62471, 0 (exempt) to 3, of a lens that is evenly lit.
 
         It has a share of the flux. Then come the radiances for blue light and for heat, W/(m^2 sr).
         """
-        radiance = share * self.intensity(beam_sigma_deg) / (math.pi / 4 * self.lens_m**2)
+        intensity = share * self.intensity(beam_sigma_deg, gaussians)
+        radiance = intensity / (math.pi / 4 * self.lens_m**2)
         wavelength = self.wavelength_nm
         weight = float(np.interp(wavelength, BLUE_NM, BLUE))
         if wavelength > 500:
@@ -174,8 +179,10 @@ def least_watts(
 
 def _reference_counts(scene: Scene, instrument: Instrument) -> float:
     """Return the brightest reading of the aligned array at the reference range, counts."""
-    power = instrument.intensity(scene.lamp.beam_sigma_deg) * instrument.counts_per_w_per_m2
-    return float(scene.lamp.reference_counts * power / ForwardModel(scene).power)
+    lamp = scene.lamp
+    intensity = instrument.intensity(lamp.beam_sigma_deg, gaussians_of(lamp))
+    power = intensity * instrument.counts_per_w_per_m2
+    return float(lamp.reference_counts * power / ForwardModel(scene).power)
 
 
 def _short(value: float) -> float:

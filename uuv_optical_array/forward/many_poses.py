@@ -21,10 +21,17 @@ from uuv_optical_array.forward.lamps import (
     SHARE,
     SIGMA,
 )
-from uuv_optical_array.forward.light import INCIDENCE, RANGE, lambert, lamp_light, ray
+from uuv_optical_array.forward.light import (
+    INCIDENCE,
+    RANGE,
+    lambert,
+    lamp_light,
+    lamp_light_of_three,
+    ray,
+)
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import Optics, transmit
-from uuv_optical_array.forward.scattering import scattered_light
+from uuv_optical_array.forward.scattering import scattered_light, scattered_light_of_three
 
 RAYS = INCIDENCE + 1  # rows of the rays that the laws of transmission read
 
@@ -42,38 +49,68 @@ def see_lamp(place: Any, axis: Any, poses: Any, lamps: Any) -> None:
         lamps[3, i], lamps[4, i], lamps[5, i] = in_body(rows, axis)
 
 
-def shine_clear(place: Any, normal: Any, lamps: Any, lamp: Any, rays: Any, light: Any) -> None:
+def shine_clear(
+    place: Any, normal: Any, lamps: Any, lamp: Any, gaussians: Any, rays: Any, light: Any
+) -> None:
     """Write range, incidence and light of a lamp's rays to a detector in water without scattering.
 
     The lamp is its power and the beam's sigma, rad; the light has shape ``(1, m)``.
     """
-    x, y, z = place
-    power, sigma_rad = lamp
-    for i in indices(lamps.shape[1]):
-        to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
-        axis = lamps[3, i], lamps[4, i], lamps[5, i]
-        range_m, half_square, cosine, _, _, _ = ray(to, normal, axis)
-        light[0, i], _, _, _, _ = lamp_light(range_m, half_square, cosine, power, sigma_rad)
-        rays[RANGE, i], rays[INCIDENCE, i] = range_m, cosine
+    (x, y, z), (power, sigma_rad) = place, lamp
+    if gaussians.shape[1] == 1:
+        for i in indices(lamps.shape[1]):
+            to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
+            axis = lamps[3, i], lamps[4, i], lamps[5, i]
+            range_m, half_square, cosine, _, _, _ = ray(to, normal, axis)
+            light[0, i], _, _, _, _ = lamp_light(range_m, half_square, cosine, power, sigma_rad)
+            rays[RANGE, i], rays[INCIDENCE, i] = range_m, cosine
+    else:
+        for i in indices(lamps.shape[1]):
+            to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
+            axis = lamps[3, i], lamps[4, i], lamps[5, i]
+            range_m, half_square, cosine, _, _, _ = ray(to, normal, axis)
+            light[0, i], _, _, _, _ = lamp_light_of_three(
+                range_m, half_square, cosine, power, sigma_rad, gaussians
+            )
+            rays[RANGE, i], rays[INCIDENCE, i] = range_m, cosine
 
 
 def shine_scattered(
-    place: Any, normal: Any, lamps: Any, lamp: Any, scattering_per_m: Any, rays: Any, light: Any
+    place: Any,
+    normal: Any,
+    lamps: Any,
+    lamp: Any,
+    gaussians: Any,
+    scattering_per_m: Any,
+    rays: Any,
+    light: Any,
 ) -> None:
     """Write the same as `shine_clear` in water that scatters."""
-    x, y, z = place
-    power, sigma_rad = lamp
-    for i in indices(lamps.shape[1]):
-        to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
-        axis = lamps[3, i], lamps[4, i], lamps[5, i]
-        range_m, half_square, cosine, axial, along_m, _ = ray(to, normal, axis)
-        angle = half_square, along_m / range_m, 1.0  # the last is for slopes alone
-        (flux, _, _, _, _), (incidence, _, _, _, _, _) = scattered_light(
-            range_m, angle, cosine, axial, power, sigma_rad, scattering_per_m
-        )
-        facing, _ = lambert(incidence)
-        light[0, i] = flux * facing
-        rays[RANGE, i], rays[INCIDENCE, i] = range_m, incidence
+    (x, y, z), (power, sigma_rad) = place, lamp
+    if gaussians.shape[1] == 1:
+        for i in indices(lamps.shape[1]):
+            to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
+            axis = lamps[3, i], lamps[4, i], lamps[5, i]
+            range_m, half_square, cosine, axial, along_m, _ = ray(to, normal, axis)
+            angle = half_square, along_m / range_m, 1.0  # the last is for slopes alone
+            (flux, _, _, _, _), (incidence, _, _, _, _, _) = scattered_light(
+                range_m, angle, cosine, axial, power, sigma_rad, scattering_per_m
+            )
+            facing, _ = lambert(incidence)
+            light[0, i] = flux * facing
+            rays[RANGE, i], rays[INCIDENCE, i] = range_m, incidence
+    else:
+        for i in indices(lamps.shape[1]):
+            to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
+            axis = lamps[3, i], lamps[4, i], lamps[5, i]
+            range_m, half_square, cosine, axial, along_m, _ = ray(to, normal, axis)
+            angle = half_square, along_m / range_m, 1.0
+            (flux, _, _, _, _), (incidence, _, _, _, _, _) = scattered_light_of_three(
+                range_m, angle, cosine, axial, power, sigma_rad, gaussians, scattering_per_m
+            )
+            facing, _ = lambert(incidence)
+            light[0, i] = flux * facing
+            rays[RANGE, i], rays[INCIDENCE, i] = range_m, incidence
 
 
 def write_arriving(optics: Optics, poses: Any, light: Any) -> None:
@@ -97,10 +134,10 @@ def write_arriving(optics: Optics, poses: Any, light: Any) -> None:
             normal = detectors[3, k], detectors[4, k], detectors[5, k]
             own = light[i * n + k : i * n + k + 1]
             if optics.scattering_per_m > 0:
-                given = place, normal, lamps, lamp, optics.scattering_per_m
+                given = place, normal, lamps, lamp, optics.gaussians, optics.scattering_per_m
                 shine_scattered(*given, rays, own)
             else:
-                shine_clear(place, normal, lamps, lamp, rays, own)
+                shine_clear(place, normal, lamps, lamp, optics.gaussians, rays, own)
             for q in range(len(optics.laws)):
                 a, b, c = settings[q, 0], settings[q, 1], settings[q, 2]
                 transmit(optics.laws[q], rays, a, b, c, own, 0, False)

@@ -13,6 +13,7 @@ from uuv_optical_array.core.geometry import PITCH, Array, lamp_in_body, write_la
 from uuv_optical_array.core.numerics.elementwise import stack, workspace
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import build_array
+from uuv_optical_array.forward.beam import gaussians_of
 from uuv_optical_array.forward.effects import forms
 from uuv_optical_array.forward.effects.electronics import detection, largest_demodulated
 from uuv_optical_array.forward.effects.forms import Background, Blur, Gain, Shade
@@ -144,6 +145,7 @@ class ForwardModel:
         # The radius of a planar array changes nothing.
         names = POWER, BEAM_SIGMA, RADIUS, *named, *self._unknown, *geometry, ROLL
         self.nuisances = tuple(dict.fromkeys(filter(None, names if lamps else names[:-1])))
+        self._gaussians = gaussians_of(scene.lamp)
         # The power of all lamps is that of one at the origin.
         sigma_rad = float(np.radians(scene.lamp.beam_sigma_deg))
         self.power, self._lamps = 1.0, lamps_in_numbers((), sigma_rad)
@@ -196,6 +198,7 @@ class ForwardModel:
             power=float(self.power),
             lamps=self._lamps,
             lamp_at=lamp_at,
+            gaussians=self._gaussians,
             scattering_per_m=float(
                 sum(form.scattering_per_m for form in self._of(forms.Scattering))
             ),

@@ -41,10 +41,11 @@ from uuv_optical_array.forward.light import (
     TURN,
     lambert,
     lamp_light,
+    lamp_light_of_three,
     ray,
     slopes_by_lamp,
 )
-from uuv_optical_array.forward.scattering import scattered_light
+from uuv_optical_array.forward.scattering import scattered_light, scattered_light_of_three
 
 # Rows of the beam: light, slopes of its logarithm and of the incidence; then by laws' settings.
 LIGHT, BY_RANGE, BY_HALF_SQUARE, BY_INCIDENCE, BY_SIGMA, BY_SCATTERING = range(6)
@@ -85,6 +86,7 @@ class Optics(NamedTuple):
     - radius_m: of the sphere that carries the detectors, m; 0: there is none.
     - power: of all lamps, as in `light.lamp_light`.
     - lamps, lamp_at: as `lamps` and `places` of `lamps.one_of_lamps`.
+    - gaussians: of the beams, as `beam.gaussians_of` returns them.
     - scattering_per_m: of the water, 1/m; 0: it does not scatter.
     - nuisances: number of settings that have offsets.
     - power_at, sigma_at, scattering_at, radius_at: index among the nuisances of the offsets of
@@ -102,6 +104,7 @@ class Optics(NamedTuple):
     power: float
     lamps: Array
     lamp_at: Any
+    gaussians: Array
     scattering_per_m: float
     nuisances: int
     power_at: int
@@ -145,35 +148,68 @@ def trace(optics: Optics, lamp: Any, nuisances: Any, rays: Any) -> None:
         rays[ALONG, j], rays[TURN, j] = along_m, turn
 
 
-def shine(rays: Any, power: Any, beam_sigma_rad: Any, beam: Any) -> None:
+def shine(rays: Any, power: Any, beam_sigma_rad: Any, gaussians: Any, beam: Any) -> None:
     """Write the light in water that does not scatter, and its slopes, into the rows of `beam`."""
-    for j in indices(rays.shape[-1]):
-        light, by_range, by_half_square, by_incidence, by_sigma = lamp_light(
-            rays[RANGE, j], rays[HALF_SQUARE, j], rays[INCIDENCE, j], power, beam_sigma_rad
-        )
-        beam[LIGHT, j], beam[BY_RANGE, j] = light, by_range
-        beam[BY_HALF_SQUARE, j], beam[BY_INCIDENCE, j] = by_half_square, by_incidence
-        beam[BY_SIGMA, j], beam[BY_SCATTERING, j] = by_sigma, 0.0
-        beam[IN_RANGE, j], beam[IN_HALF_SQUARE, j], beam[IN_COSINE, j] = 0.0, 0.0, 1.0
-        beam[IN_AXIAL, j], beam[IN_SIGMA, j] = 0.0, 0.0
+    if gaussians.shape[1] == 1:
+        for j in indices(rays.shape[-1]):
+            to_lamp = rays[RANGE, j], rays[HALF_SQUARE, j], rays[INCIDENCE, j]
+            write_clear(lamp_light(*to_lamp, power, beam_sigma_rad), j, beam)
+    else:
+        for j in indices(rays.shape[-1]):
+            to_lamp = rays[RANGE, j], rays[HALF_SQUARE, j], rays[INCIDENCE, j]
+            light = lamp_light_of_three(*to_lamp, power, beam_sigma_rad, gaussians)
+            write_clear(light, j, beam)
 
 
-def scatter(rays: Any, power: Any, beam_sigma_rad: Any, scattering_per_m: Any, beam: Any) -> None:
+@law
+def write_clear(light: Any, j: Any, beam: Any) -> None:
+    """Write the light of `lamp_light` at reading j."""
+    beam[LIGHT, j], beam[BY_RANGE, j] = light[0], light[1]
+    beam[BY_HALF_SQUARE, j], beam[BY_INCIDENCE, j] = light[2], light[3]
+    beam[BY_SIGMA, j], beam[BY_SCATTERING, j] = light[4], 0.0
+    beam[IN_RANGE, j], beam[IN_HALF_SQUARE, j], beam[IN_COSINE, j] = 0.0, 0.0, 1.0
+    beam[IN_AXIAL, j], beam[IN_SIGMA, j] = 0.0, 0.0
+
+
+def scatter(
+    rays: Any, power: Any, beam_sigma_rad: Any, gaussians: Any, scattering_per_m: Any, beam: Any
+) -> None:
     """Write the light in water that scatters, as `shine` does, with its incidence."""
-    for j in indices(rays.shape[-1]):
-        range_m = rays[RANGE, j]
-        angle = rays[HALF_SQUARE, j], rays[ALONG, j] / range_m, 1 / (rays[TURN, j] * range_m)
-        light, incidence = scattered_light(
-            range_m, angle, rays[COSINE, j], rays[AXIAL, j], power, beam_sigma_rad, scattering_per_m
-        )
-        beam[LIGHT, j], beam[BY_RANGE, j], beam[BY_HALF_SQUARE, j] = light[0], light[1], light[2]
-        beam[BY_SIGMA, j], beam[BY_SCATTERING, j] = light[3], light[4]
-        rays[INCIDENCE, j], beam[IN_RANGE, j] = incidence[0], incidence[1]
-        beam[IN_HALF_SQUARE, j], beam[IN_COSINE, j] = incidence[2], incidence[3]
-        beam[IN_AXIAL, j], beam[IN_SIGMA, j] = incidence[4], incidence[5]
+    lamp = power, beam_sigma_rad
+    if gaussians.shape[1] == 1:
+        for j in indices(rays.shape[-1]):
+            range_m, angle = rays[RANGE, j], angle_at(rays, j)
+            light, incidence = scattered_light(
+                range_m, angle, rays[COSINE, j], rays[AXIAL, j], *lamp, scattering_per_m
+            )
+            write_scattered(light, incidence, j, rays, beam)
+    else:
+        for j in indices(rays.shape[-1]):
+            range_m, angle = rays[RANGE, j], angle_at(rays, j)
+            light, incidence = scattered_light_of_three(
+                range_m, angle, rays[COSINE, j], rays[AXIAL, j], *lamp, gaussians, scattering_per_m
+            )
+            write_scattered(light, incidence, j, rays, beam)
     for j in indices(rays.shape[-1]):
         facing, beam[BY_INCIDENCE, j] = lambert(rays[INCIDENCE, j])
         beam[LIGHT, j] *= facing
+
+
+@law
+def angle_at(rays: Any, j: Any) -> tuple[Any, Any, Any]:
+    """Return the angle off the axis of reading j, as of `scattered_light`."""
+    range_m = rays[RANGE, j]
+    return rays[HALF_SQUARE, j], rays[ALONG, j] / range_m, 1 / (rays[TURN, j] * range_m)
+
+
+@law
+def write_scattered(light: Any, incidence: Any, j: Any, rays: Any, beam: Any) -> None:
+    """Write light and incidence of `scattered_light` at reading j."""
+    beam[LIGHT, j], beam[BY_RANGE, j], beam[BY_HALF_SQUARE, j] = light[0], light[1], light[2]
+    beam[BY_SIGMA, j], beam[BY_SCATTERING, j] = light[3], light[4]
+    rays[INCIDENCE, j], beam[IN_RANGE, j] = incidence[0], incidence[1]
+    beam[IN_HALF_SQUARE, j], beam[IN_COSINE, j] = incidence[2], incidence[3]
+    beam[IN_AXIAL, j], beam[IN_SIGMA, j] = incidence[4], incidence[5]
 
 
 def write_light(
@@ -256,9 +292,9 @@ def illuminate(
         scattering_per_m = scattering_per_m * exp(nuisances[optics.scattering_at])
     trace(optics, lamp, nuisances, rays)
     if optics.scattering_per_m > 0:
-        scatter(rays, power, beam_sigma_rad, scattering_per_m, beam)
+        scatter(rays, power, beam_sigma_rad, optics.gaussians, scattering_per_m, beam)
     else:
-        shine(rays, power, beam_sigma_rad, beam)
+        shine(rays, power, beam_sigma_rad, optics.gaussians, beam)
     for i in range(len(optics.laws)):
         first = optics.law_settings[i, 0]
         if optics.law_at[i] >= 0:

@@ -38,8 +38,8 @@ from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward import working_volume as volume
 from uuv_optical_array.forward.array import ArraySettings, Shape
+from uuv_optical_array.forward.beam import LampSettings, beam_solid_angle, gaussians_of
 from uuv_optical_array.forward.lamps import ring_of_lamps, spread_and_tilt, together
-from uuv_optical_array.forward.light import LampSettings, beam_solid_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, save_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import GUESSED, SPECIFICATION
@@ -188,7 +188,8 @@ def designed(scene: Scene, design: Design) -> Scene:
     if design == own:
         return changed
     own_sr, beam_sr = (
-        beam_solid_angle(math.radians(it.beam_sigma_deg)) for it in (scene.lamp, design)
+        beam_solid_angle(math.radians(it.beam_sigma_deg), gaussians_of(lamp))
+        for it in (scene.lamp, design)
     )
     brighter = ForwardModel(scene).power * own_sr / beam_sr / ForwardModel(changed).power
     lamp = dataclasses.replace(lamp, reference_counts=brighter * lamp.reference_counts)

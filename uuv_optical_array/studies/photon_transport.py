@@ -13,6 +13,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage import files
+from uuv_optical_array.forward.beam import UNIT, gaussians_of, radiance
 from uuv_optical_array.forward.effects.waters import PETZOLD_PER_M
 from uuv_optical_array.forward.light import AXIAL, COSINE, HALF_SQUARE, RANGE
 from uuv_optical_array.forward.model import ForwardModel
@@ -50,14 +51,16 @@ def shipped_pencil(water: str, phase: Phase = "fournier_forand") -> Pencil:
 
 
 class Lamp:
-    """Light of a Gaussian lamp in the water of a `Pencil`: 1 at 1 m on the axis without water.
+    """Light of a lamp in the water of a `Pencil`: 1 at 1 m on the axis without water.
+
+    Its beam is a Gaussian, or a sum as of `beam.gaussians_of`.
 
     `flux` is that of `radial` and `away` (from the lamp's axis) times the squared radius, scattered
     alone, at `RADII_M` and `OFF_AXIS`; `error` is the standard error of the former.
     """
 
-    def __init__(self, pencil: Pencil, beam_sigma_rad: float) -> None:
-        self.pencil, self.sigma = pencil, beam_sigma_rad
+    def __init__(self, pencil: Pencil, beam_sigma_rad: float, gaussians: Array = UNIT) -> None:
+        self.pencil, self.sigma, self.gaussians = pencil, beam_sigma_rad, gaussians
         middle = np.sqrt((EDGES[1:] ** 2 + EDGES[:-1] ** 2) / 2)
         # Pencils that pass a place at an angle stand around the ray to it, turned about it.
         eta, off, turn = OFF_AXIS[:, None, None], middle[:, None], TURNS
@@ -72,7 +75,7 @@ class Lamp:
 
     def intensity(self, eta: Array) -> Array:
         """Return that of the lamp at angles off its axis, rad."""
-        return np.exp(-0.5 * np.square(eta / self.sigma))
+        return radiance(self.gaussians, eta / self.sigma)
 
     def vector(self, range_m: Array, eta: Array) -> tuple[Array, Array]:
         """Return the net flux outwards and away from the axis, within the spheres."""
@@ -110,7 +113,8 @@ class PhotonSea:
 
     def __init__(self, scene: Scene, pencil: Pencil) -> None:
         self.model = ForwardModel(scene)
-        self._lamp = Lamp(pencil, np.radians(scene.lamp.beam_sigma_deg))
+        sigma_rad = float(np.radians(scene.lamp.beam_sigma_deg))
+        self._lamp = Lamp(pencil, sigma_rad, gaussians_of(scene.lamp))
         self._optics, self._power = self.model.optics(), 1.0
         aligned = np.array([[-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0]])
         self._power = scene.lamp.reference_counts / self.light(aligned).max()

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.core.geometry import Array, rotation_matrix
+from uuv_optical_array.forward.beam import angle_of, gaussians_of
 from uuv_optical_array.forward.lamps import AXIS_PITCH, PLACE_X, SHARE, SIGMA, lamps_in_numbers
 from uuv_optical_array.forward.scene import Scene
 
@@ -44,12 +45,16 @@ def body(half_m: float) -> dict[str, Mesh]:
 
 
 def beams(scene: Scene, length_m: float) -> list[tuple[Array, list[Mesh]]]:
-    """Return of each lamp its place and its beam out to one and two of its standard deviations."""
+    """Return of each lamp its place and its beam out to one and two of its standard deviations.
+
+    One of several Gaussians ends where it is as dark as a single one is there.
+    """
+    edges = [angle_of(gaussians_of(scene.lamp), stds) for stds in (1, 2)]
     lamps = lamps_in_numbers(scene.lamps, np.radians(scene.lamp.beam_sigma_deg))
     found = []
     for lamp in lamps.T:
         place, turn = lamp[PLACE_X:AXIS_PITCH], rotation_matrix(*lamp[AXIS_PITCH:SHARE])
-        wide = (np.tan(min(stds * lamp[SIGMA], 1.4)) for stds in (1, 2))
+        wide = (np.tan(min(edge * lamp[SIGMA], 1.4)) for edge in edges)
         cones = (_revolved(np.array([0, -length_m]), np.array([0, length_m * x])) for x in wide)
         found.append((place, [(vertices @ turn.T + place, faces) for vertices, faces in cones]))
     return found

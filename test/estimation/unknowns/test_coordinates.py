@@ -21,6 +21,7 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     write_slopes,
 )
 from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordinates
+from uuv_optical_array.forward.beam import UNIT
 from uuv_optical_array.forward.model import ForwardModel
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -29,9 +30,14 @@ ALIGNED = (-6.0, 0.0, 0.0, 0.0, 0.0)
 rolls = st.floats(-0.5, 0.5)
 
 
-def frame_like(centre, sigma_rad, k_per_m=0.0, planar=False):
+BEAM = np.array([[-0.2, 0.9, 0.3], [0.5, 0.9, 1.7]])  # weights and widths of three Gaussians
+LAMP = {"beam_weights": BEAM[0].tolist(), "beam_widths": BEAM[1].tolist()}
+
+
+def frame_like(centre, sigma_rad, k_per_m=0.0, planar=False, gaussians=UNIT):
     weight = sigma_rad**-2
-    return CoordinateFrame(*centre, sigma_rad, k_per_m, weight / (weight + 3) if planar else 0.0)
+    share = weight / (weight + 3) if planar else 0.0
+    return CoordinateFrame(*centre, sigma_rad, k_per_m, share, 0.0, gaussians)
 
 
 frames = st.builds(
@@ -40,6 +46,7 @@ frames = st.builds(
     st.floats(math.radians(2), math.radians(30)),
     st.one_of(st.just(0.0), st.floats(1e-3, 0.2)),
     st.booleans(),
+    st.sampled_from([UNIT, BEAM]),
 )
 
 
@@ -69,7 +76,33 @@ def test_the_frame_of_a_scene_is_that_of_its_array_lamp_and_water(shape):
     depths = [math.sqrt(0.32**2 - y**2 - z**2) for y in offsets for z in offsets]
     ahead = 0.4 + (sum(depths) / 25 if shape == "curved" else 0.0)
     expected = frame_like((ahead, 0, 0), math.radians(8), 0.1, shape == "planar")
-    np.testing.assert_allclose(frame_of(model), expected, rtol=1e-12, atol=1e-15)
+    found = frame_of(model)
+    np.testing.assert_allclose(found[:-1], expected[:-1], rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(found.gaussians, UNIT)
+
+
+def test_the_frame_of_three_gaussians_is_as_wide_as_the_light_there():
+    sea = {"sea": {"absorption_per_m": 0.1, "scattering_per_m": 0.3}}
+    for effects in ({}, sea):
+        model = ForwardModel(make_scene(effects=effects, **LAMP))
+        frame, eta = frame_of(model), np.linspace(0, 0.5, 2001)
+        # A lone detector, so to speak, that looks at the lamp from the table's middle.
+        beam = np.exp(-(eta[:, None] ** 2) / 2 / (frame.beam_sigma_rad * frame.gaussians[1]) ** 2)
+        beam = beam @ frame.gaussians[0]
+        assert np.interp(math.exp(-0.5), beam[::-1], eta[::-1]) == pytest.approx(
+            frame.beam_sigma_rad, rel=1e-4
+        )
+        if not effects:
+            clear = np.exp(-(eta[:, None] ** 2) / 2 / (math.radians(8) * BEAM[1]) ** 2) @ BEAM[0]
+            np.testing.assert_allclose(beam, clear, rtol=1e-9)
+        else:
+            middle = model.array.positions[12, 0]
+            places = [[-6 * math.cos(e), 6 * math.sin(e), 0, 0, -e] for e in (0.0, 0.12)]
+            places = np.array(places)
+            places[:, 0] -= middle * np.cos(places[:, 4])
+            places[:, 1] -= middle * np.sin(places[:, 4])
+            on_axis, off_axis = model.light(places)[:, 2, 2]
+            assert off_axis / on_axis == pytest.approx(np.interp(0.12, eta, beam), abs=0.03)
 
 
 @pytest.mark.parametrize(("k", "r"), [(0.1, 100.0), (0.5, 20.0), (3.0, 4.0), (10.0, 1.0)])
@@ -89,7 +122,12 @@ def test_the_coordinates_are_place_and_dimness_of_the_lamp_and_lead_back(frame, 
     x, y, z = turn.inv().apply(-centre)
     r = np.linalg.norm(centre)
     off_axis = math.atan2(math.hypot(centre[1], centre[2]), -centre[0])
-    dimness = math.log(r) + frame.k_per_m * r / 2 + (off_axis / frame.beam_sigma_rad) ** 2 / 4
+    beam = (off_axis / frame.beam_sigma_rad) ** 2 / 4
+    if frame.gaussians is BEAM:
+        nearer = beam * (BEAM[1] ** -2.0 - BEAM[1].max() ** -2.0)  # to the widest, lest it be 0
+        beam = beam / BEAM[1].max() ** 2 - 0.5 * math.log(BEAM[0] @ np.exp(-2 * nearer))
+        assume(beam < 300)
+    dimness = math.log(r) + frame.k_per_m * r / 2 + beam
     azimuth, elevation = math.atan2(y, x), math.asin(z / r)
     if frame.share > 0:
         ahead = turn.inv().apply([1.0, 0.0, 0.0])  # against the beam
@@ -181,10 +219,12 @@ SEA_NAMES = ("sea.scattering_per_m", "lamp.power", "lamp.beam_sigma_deg", "sea.a
 
 @pytest.mark.parametrize(("effects", "names"), [(WATER, NAMES), (SEA, SEA_NAMES)])
 @pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("lamp", [{}, LAMP], ids=["one Gaussian", "three Gaussians"])
 @settings(max_examples=60)
 @given(pose=poses, offset=offsets)
-def test_there_and_back_with_slopes_that_are_differences(shape, effects, names, pose, offset):
-    joint = JointCoordinates(frame_of(ForwardModel(make_scene(shape, effects=effects))), names)
+def test_there_and_back_with_slopes_that_are_differences(shape, lamp, effects, names, pose, offset):
+    model = ForwardModel(make_scene(shape, effects=effects, **lamp))
+    joint = JointCoordinates(frame_of(model), names)
     offset = (0.1 * offset[0], *offset[1:])
     at = np.array([*pose, *offset])
     coordinates = joint.of(at)
@@ -201,9 +241,10 @@ def test_there_and_back_with_slopes_that_are_differences(shape, effects, names, 
         (SEA, ("lamp.power", "sea.scattering_per_m")),
     ],
 )
-def test_a_wrong_constant_that_keeps_the_coordinates_keeps_the_light(effects, names):
+@pytest.mark.parametrize("lamp", [{}, LAMP], ids=["one Gaussian", "three Gaussians"])
+def test_a_wrong_constant_that_keeps_the_coordinates_keeps_the_light(effects, names, lamp):
     # Along the valley, where power, water and range make up for each other.
-    model = ForwardModel(make_scene(effects=effects))
+    model = ForwardModel(make_scene(effects=effects, **lamp))
     joint = JointCoordinates(frame_of(model), names)
     at = np.array([-6.0, 0.4, -0.3, 0.1, -0.08, 0.0, 0.0])
     coordinates, light = joint.of(at), model.light(at[:5])

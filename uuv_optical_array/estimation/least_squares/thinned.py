@@ -49,6 +49,7 @@ def thinned_optics(optics: Optics, readings: Any, blur: Array) -> Optics:
         optics.power,
         optics.lamps,
         optics.lamp_at,
+        optics.gaussians,
         optics.scattering_per_m,
         optics.nuisances,
         optics.power_at,

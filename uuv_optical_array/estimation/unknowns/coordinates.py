@@ -5,7 +5,8 @@ than the bend: the array knows where it sees the lamp, and how bright, much bett
 beam it floats. So the coordinates are the lamp's azimuth and elevation from the array's centre,
 pitch, yaw and the attenuation ``ln r + K r / 2 + eta^2 / (4 sigma^2)``, half the logarithm of what
 distance, water and beam take from the light there. In them an image is nearly quadratic: fits
-arrive in few steps, and a Gaussian describes what they know.
+arrive in few steps, and a Gaussian describes what they know. A beam of three Gaussians takes from
+the logarithm of the light what it does in the table's middle, and sigma is where that is 1/2.
 
 A planar array cannot tell where the lamp stands from how it shines. It sees how the light falls off
 across it: near the axis ``s (a - b) + 3 a`` in units of the range, with the azimuths a of the lamp
@@ -17,16 +18,19 @@ All functions take numbers, or components of many poses at once.
 
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy import arctan2, cos, hypot, log, maximum, minimum, sin, sqrt
 
-from uuv_optical_array.core.geometry import PITCH, YAW, dot, lamp_in_body, pitched, rotation
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, dot, lamp_in_body, pitched, rotation
 from uuv_optical_array.core.numerics.elementwise import choose, exp, law, stack
+from uuv_optical_array.forward.beam import UNIT, angle_of
 from uuv_optical_array.forward.lamps import SIGMA
-from uuv_optical_array.forward.light import off_axis
+from uuv_optical_array.forward.light import beam_of_three, off_axis
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scattering import scattered_light
 
 AZIMUTH, ELEVATION, LOG_ATTENUATION = range(3)  # then pitch and yaw, as in the pose
+LEAST_BEAM = 1e-290  # radiance over that on the axis, whose logarithm is still a number
 LEAST_FACING = 1e-3  # cosine of incidence of a lamp almost beside a planar array
 
 
@@ -43,6 +47,7 @@ class CoordinateFrame(NamedTuple):
     k_per_m: float
     share: float
     scattered_per_m: float = 0.0
+    gaussians: Array = UNIT
 
 
 def frame_of(model: ForwardModel) -> CoordinateFrame:
@@ -52,17 +57,25 @@ def frame_of(model: ForwardModel) -> CoordinateFrame:
     """
     scene, optics = model.scene, model.optics()
     sigma, (_, absorption) = float(optics.lamps[SIGMA].mean()), scene.attenuation
-    scattered = 0.0
+    parts = [(weight, 0.0, width * sigma) for weight, width in optics.gaussians.T.tolist()]
     if optics.scattering_per_m > 0:
         range_m = max(abs(scene.table.x_m.start + scene.table.x_m.stop) / 2, 1.0)
         on_axis = range_m, (0.0, 1.0, 1.0), 1.0, -1.0
-        flux, _ = scattered_light(*on_axis, 1.0, sigma, optics.scattering_per_m)
-        scattered = -float(flux[1] + 2 / range_m)
-        sigma = float((-flux[2]) ** -0.5)
+        fluxes = [scattered_light(*on_axis, 1.0, it[2], optics.scattering_per_m)[0] for it in parts]
+        parts = [
+            (part[0] * float(flux[0]), -float(flux[1] + 2 / range_m), float((-flux[2]) ** -0.5))
+            for part, flux in zip(parts, fluxes, strict=True)
+        ]
+    whole = sum(light for light, _, _ in parts)
+    scattered = sum(light / whole * lost for light, lost, _ in parts)
+    gaussians = np.array([[light / whole, width] for light, _, width in parts]).T.copy()
+    sigma = angle_of(gaussians, 1.0)
+    gaussians[1] /= sigma
     planar = model.scene.array.shape == "planar"
     x, y, z = model.array.positions.mean(axis=0).tolist()
     share = 1 / (1 + 3 * sigma**2) if planar else 0.0
-    return CoordinateFrame(x, y, z, sigma, absorption + scattered, share, scattered)
+    k_per_m = absorption + scattered
+    return CoordinateFrame(x, y, z, sigma, k_per_m, share, scattered, gaussians)
 
 
 @law
@@ -102,14 +115,34 @@ def sight_angles(frame: CoordinateFrame, at: Any, source: Any) -> tuple[Any, Any
 
 
 @law
-def beam_loss(frame: CoordinateFrame, sight: Any, source: Any) -> tuple[Any, Any]:
-    """Return ``eta^2 / (4 sigma^2)`` and its slope by -cos(eta), of unit vectors."""
+def off_beam(sight: Any, source: Any) -> tuple[Any, Any]:
+    """Return half the squared angle off the axis of unit vectors, and the angle over its sine."""
     cosine = dot(sight, source)
     off_x, off_y = sight[0] - cosine * source[0], sight[1] - cosine * source[1]
     off = off_x, off_y, sight[2] - cosine * source[2]
-    half_square, turn = off_axis(cosine, dot(off, off), 1.0)
+    return off_axis(cosine, dot(off, off), 1.0)
+
+
+@law
+def beam_loss(frame: CoordinateFrame, sight: Any, source: Any) -> tuple[Any, Any]:
+    """Return ``eta^2 / (4 sigma^2)`` and its slope by -cos(eta), of unit vectors."""
+    half_square, turn = off_beam(sight, source)
     scale = 0.5 / (frame.beam_sigma_rad * frame.beam_sigma_rad)
     return scale * half_square, scale * turn
+
+
+def further_loss(frame: CoordinateFrame, sight: Any, source: Any) -> tuple[Any, Any, Any]:
+    """Return by how much a beam of three Gaussians takes more than the one of `beam_loss`.
+
+    The loss is half of what it takes from the logarithm of the light. Then come the slopes of that,
+    by -cos(eta) and by the logarithm of eta.
+    """
+    half_square, turn = off_beam(sight, source)
+    sigma = frame.beam_sigma_rad
+    beam, slope, _ = beam_of_three(half_square, sigma, frame.gaussians)
+    scale, further = 0.5 / (sigma * sigma), -0.5 * log(maximum(beam, LEAST_BEAM))
+    steeper = -0.5 * slope - scale
+    return further - scale * half_square, steeper * turn, 2 * steeper * half_square
 
 
 def from_pose(frame: CoordinateFrame, pose: Any, roll: Any) -> Any:
@@ -122,6 +155,9 @@ def from_pose(frame: CoordinateFrame, pose: Any, roll: Any) -> Any:
     loss, _ = beam_loss(frame, sight, source)
     azimuth, elevation = directions(*sight)
     log_attenuation = log(range_m) + 0.5 * frame.k_per_m * range_m + loss
+    if frame.gaussians.shape[1] > 1:
+        further, _, _ = further_loss(frame, sight, source)
+        log_attenuation = log_attenuation + further
     if frame.share > 0:
         source_azimuth, source_elevation = directions(*source)
         azimuth = azimuth - frame.share * source_azimuth
@@ -141,6 +177,9 @@ def to_lamp(frame: CoordinateFrame, at: Any, roll: Any) -> tuple[Any, Any, Any]:
     sight = (cos_e * cos(azimuth), cos_e * sin(azimuth), sin(elevation))
     loss, _ = beam_loss(frame, sight, ahead)
     log_attenuation = at[LOG_ATTENUATION] - loss
+    if frame.gaussians.shape[1] > 1:
+        further, _, _ = further_loss(frame, sight, ahead)
+        log_attenuation = log_attenuation - further
     if frame.share > 0:
         log_attenuation = log_attenuation + 0.5 * log(maximum(sight[0], LEAST_FACING))
     range_m = attenuated_range(log_attenuation, frame.k_per_m)
@@ -182,6 +221,9 @@ def write_slopes(
             for i in range(3):
                 slopes[i, q] = slopes[i, AZIMUTH] * swing + slopes[i, ELEVATION] * rise
     _, ratio = beam_loss(frame, sight, ahead)
+    if frame.gaussians.shape[1] > 1:
+        _, steeper, _ = further_loss(frame, sight, ahead)
+        ratio = ratio + steeper
     facing = 0.0 * range_m
     if frame.share > 0:
         facing = choose(sight[0] > LEAST_FACING, 0.5 / maximum(sight[0], LEAST_FACING), 0.0)

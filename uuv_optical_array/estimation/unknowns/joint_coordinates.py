@@ -24,6 +24,7 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     CoordinateFrame,
     beam_loss,
     from_pose,
+    further_loss,
     to_lamp,
     write_slopes,
 )
@@ -58,7 +59,8 @@ def frame_with(joint: Joint, at: Any) -> CoordinateFrame:
     if joint.width >= 0:
         sigma = max(sigma + DEGREE * at[joint.width], LEAST_WIDTH * sigma)
     x, y, z, scattered = frame.centre_x, frame.centre_y, frame.centre_z, frame.scattered_per_m
-    return CoordinateFrame(x, y, z, sigma, k_per_m, frame.share, scattered)
+    share, gaussians = frame.share, frame.gaussians
+    return CoordinateFrame(x, y, z, sigma, k_per_m, share, scattered, gaussians)
 
 
 def coordinates_of(joint: Joint, at: Any) -> Any:
@@ -82,7 +84,12 @@ def write_place(joint: Joint, coordinates: Any, at: Any, slopes: Any) -> None:
     x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
     range_m = sqrt(x * x + y * y + z * z)
     ahead, _, _ = rotation(own[PITCH], own[YAW], 0.0)
-    loss, _ = beam_loss(frame, (x / range_m, y / range_m, z / range_m), ahead)
+    sight = x / range_m, y / range_m, z / range_m
+    loss, _ = beam_loss(frame, sight, ahead)
+    swell = 2 * loss
+    if frame.gaussians.shape[1] > 1:
+        _, _, more = further_loss(frame, sight, ahead)
+        swell = swell + more
     for i in range(5):
         at[i] = pose[i]
         for q in range(5):
@@ -97,7 +104,7 @@ def write_place(joint: Joint, coordinates: Any, at: Any, slopes: Any) -> None:
             scattered = frame.scattered_per_m * exp(coordinates[joint.scattering])
             slopes[i, joint.scattering] = 0.5 * range_m * scattered * gives_way
         if joint.width >= 0:
-            slopes[i, joint.width] = -2 * DEGREE * loss / frame.beam_sigma_rad * gives_way
+            slopes[i, joint.width] = -DEGREE * swell / frame.beam_sigma_rad * gives_way
 
 
 def prepare(constants: Constants) -> None:

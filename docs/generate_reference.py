@@ -224,7 +224,7 @@ def setting_list(owner: Any, more: Mapping[str, str] = MappingProxyType({})) -> 
         entry(
             key,
             shown(setting.default),
-            choice(setting.choices) or bounds(key, setting.quantity),
+            choice(setting.choices) or bounds(key, setting.quantity) * (setting.kind is not str),
             setting.quantity.text + more.get(key, ""),
         )
         for key, setting in declared(owner).items()

@@ -25,6 +25,7 @@ from uuv_optical_array.forward.scene import GROUPS
 from uuv_optical_array.forward.scene_files import EXTENDS, ready_scenes
 
 Schema = dict[str, Any]
+BEAM = "beam_sigma_deg"  # which a photometric file may stand for
 
 
 def scene_schema() -> Schema:
@@ -46,10 +47,14 @@ def _scene(whole: bool) -> Schema:
         for name, effect in EFFECTS.items()
     }
     groups = {name: _mapping(owner, whole) for name, owner in GROUPS.items()}
+    if whole:
+        lamp = [key for key in groups["lamp"].pop("required") if key != BEAM]
+        ways = [{"required": [*lamp, key]} for key in (BEAM, "photometry")]
+        groups["lamp"] |= {"anyOf": ways}
     groups["effects"] = _object(effects, "Only what is named is simulated.")
     lamps = _list(_mapping(BeaconLamp, whole=True))
     groups["lamps"] = {**lamps, "description": summary(BeaconLamp), "maxItems": MOST_LAMPS}
-    required = [name for name, group in groups.items() if "required" in group]
+    required = [name for name, group in groups.items() if "required" in group or "anyOf" in group]
     return {
         "type": "object",
         "properties": {
@@ -101,13 +106,15 @@ def _nullable(schema: Schema, null: bool) -> Schema:
 
 def _value(setting: Setting) -> Schema:
     kind, quantity, default, _ = setting
-    words = [] if setting.choices else [quantity.bounds()]
+    words = [] if setting.choices or kind is str else [quantity.bounds()]
     texts = [text for text in (quantity.text, *words) if text]
     schema: Schema = {"description": "; ".join(texts)} if texts else {}
     if not setting.required and default is not None:
         schema["default"] = list(default) if isinstance(default, tuple) else default
     if setting.choices:
         return {**schema, "enum": list(setting.choices)}
+    if kind is str:
+        return {**schema, "type": "string"}
     number, whole = _number("number", quantity), _number("integer", quantity)
     if kind is Span:
         many = _number("integer", Quantity("", low=1, high=MAX_VALUES))

@@ -73,6 +73,7 @@ def test_every_key_is_explained_by_its_bounds_and_default():
             lines = "\n".join(command.explanation(name)).splitlines()
             assert lines[0] == f"{name}: {setting.quantity.text}".removesuffix(": ")
             words = " or ".join(setting.choices) or setting.quantity.bounds()
+            words = "a text" if setting.kind is str else words
             assert lines[1].startswith(f"  {words}")
             assert ("must be given" in lines[1]) == setting.required
             assert f"{lines[0]}\n{lines[1]}\n" in f"{found}\n", "the group has it, too"
@@ -80,7 +81,7 @@ def test_every_key_is_explained_by_its_bounds_and_default():
 
 def test_a_key_an_effect_and_a_group_are_found_by_their_short_names():
     assert told("lamp.beam_sigma_deg").splitlines()[:2] == [
-        "lamp.beam_sigma_deg: standard deviation of the beam",
+        "lamp.beam_sigma_deg: standard deviation of the beam, unless photometry has it",
         "  from 0.1 to 90 deg; must be given",
     ]
     assert told("plume") == told("effects.plume")

@@ -19,15 +19,22 @@ import argparse
 import inspect
 import textwrap
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from uuv_optical_array.cli import options
 from uuv_optical_array.commands.limits import REACH_M, reach
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Setting, Span, declared, hint, summary
 from uuv_optical_array.core.storage import files, yaml_text
 from uuv_optical_array.forward import scene_files
+from uuv_optical_array.forward.beam import radiance
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.lamps import BeaconLamp
+from uuv_optical_array.forward.photometric_files import read
+from uuv_optical_array.forward.photometry import fitted
 from uuv_optical_array.forward.scene import GROUPS, Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
 
@@ -74,13 +81,36 @@ def settings_text(name: str) -> str:
     file = scene_file(name)
     bases = [layer.extends for layer in scene_files.layers(file) if layer.extends]
     about = f"{file.stem} extends {', which extends '.join(bases)}." if bases else ""
-    comment = "".join(f"# {line}\n" for line in (sentence(file), about) if line)
+    comment = "".join(f"# {line}\n" for line in (sentence(file), about, *beside(file)) if line)
     return f"{comment}\n{yaml_text.text_of(load_scene(name).settings())}".strip()
+
+
+def beside(file: Path) -> list[str]:
+    """Return the beam of a scene beside its photometric file, in lines; none without one."""
+    lamp = scene_files.merged(scene_files.layers(file)).get("lamp") or {}
+    if not lamp.get("photometry"):
+        return []
+    path = Path(lamp["photometry"])
+    measured = read(path)
+    beam = fitted(measured)
+    angles = np.linspace(0, beam.reach_deg, 9, dtype=float)
+    of_file = np.interp(angles, measured.angles_deg, measured.mean)
+    over_sigma: Array = np.array(angles / beam.sigma_deg, dtype=float)
+    of_beam = radiance(np.array([beam.weights, beam.widths]), over_sigma)
+    half = f"half-width {measured.half_width_deg:.1f} deg"
+    return [
+        f"lamp.photometry {path.name}: {half}; {beam.text()}.",
+        "deg of 1000: " + ", ".join(f"{angle:.1f}" for angle in angles),
+        "       file: " + ", ".join(f"{1000 * value:.0f}" for value in of_file),
+        "       beam: " + ", ".join(f"{1000 * value:.0f}" for value in of_beam),
+    ]
 
 
 def bounds_text(setting: Setting) -> str:
     """Return the bounds or the words of a setting, and its default."""
     bounds = " or ".join(setting.choices) or setting.quantity.bounds()
+    if setting.kind is str:
+        bounds = "a text"
     if setting.kind is Span:
         bounds += ", as [from, to, how many]"
     if setting.required:

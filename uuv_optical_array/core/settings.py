@@ -190,7 +190,7 @@ def _declared(owner: Callable[..., Any]) -> dict[str, Setting]:
 def check(hint: Any, value: Any, name: str) -> Any:
     """Return a value as its declared type; ValueError names key, value, bound and cure.
 
-    The hint is ``float``, ``int``, ``Span``, `Numbers`, `Place`, `Cells`, `Order`, `Grid`,
+    The hint is ``float``, ``int``, ``str``, ``Span``, `Numbers`, `Place`, `Cells`, `Order`, `Grid`,
     ``Literal[...]`` or ``T | None``, each bare or ``Annotated`` with a `Quantity`.
     """
     return _checked(*_unwrapped(hint), value, name)
@@ -203,6 +203,10 @@ def _checked(kind: Any, quantity: Quantity, optional: bool, value: Any, name: st
         choices = typing.get_args(kind)
         if value not in choices or isinstance(value, bool):
             raise ValueError(f"{name}: {value!r} is unknown; choose {' or '.join(choices)}")
+        return value
+    if kind is str:
+        if not isinstance(value, str):
+            raise ValueError(f"{name}: {value!r} is not a text; give one")
         return value
     if kind in LISTS:
         return LISTS[kind](value, quantity, name)

@@ -31,7 +31,9 @@ class LampSettings:
     the beam is flatter than a Gaussian there.
     """
 
-    beam_sigma_deg: Annotated[float, Quantity("standard deviation of the beam", "deg", 0.1, 90)]
+    beam_sigma_deg: Annotated[
+        float, Quantity("standard deviation of the beam, unless photometry has it", "deg", 0.1, 90)
+    ]
     reference_counts: Annotated[
         float, Quantity("largest reading, aligned at the reference", "counts", 1, 1e6)
     ]
@@ -44,6 +46,9 @@ class LampSettings:
     beam_weights: Annotated[
         Numbers | None, Quantity("of each on the axis, 1 in all", "", -10, 10)
     ] = None
+    photometry: Annotated[
+        str | None, Quantity("path of an IES or EULUMDAT file, in place of all beam_ keys")
+    ] = None  # in a scene that was read it is replaced by these
 
     def __post_init__(self) -> None:
         widths, weights = self.beam_widths, self.beam_weights
@@ -72,7 +77,7 @@ class LampSettings:
                 f"beam_weights: {sum(weights):g} in all; scale them to 1, as they are "
                 "shares of the light on the axis"
             )
-        if (dark := _dark_angle(gaussians_of(self))) is not None:
+        if (dark := dark_angle(gaussians_of(self))) is not None:
             raise ValueError(
                 f"beam_weights: {list(weights)} make the light negative "
                 f"{dark * self.beam_sigma_deg:.3g} deg off the axis; weaken the negative ones"
@@ -99,7 +104,7 @@ def radiance(gaussians: Array, angle: Array) -> Array:
     return np.asarray(parts.sum(axis=-1))
 
 
-def _dark_angle(gaussians: Array) -> float | None:
+def dark_angle(gaussians: Array) -> float | None:
     """Return the least angle, over the beam's sigma, at which it has no light; ``None``: nowhere.
 
     It goes by the radiance over that of the widest Gaussian, which stays a number far off the axis.

@@ -15,6 +15,7 @@ from uuv_optical_array.forward.beam import LampSettings
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.effects.electronics import largest_demodulated
 from uuv_optical_array.forward.lamps import BeaconLamp, checked_lamps
+from uuv_optical_array.forward.photometry import with_photometry
 from uuv_optical_array.forward.prior import (
     ABSORPTION,
     AMBIENT,
@@ -230,7 +231,10 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
         lamps = checked_lamps(settings.get("lamps"))
         groups: dict[str, Any] = {}
         for group, declared in GROUPS.items():
-            values = check_all(declared, settings.get(group), group)
+            given = settings.get(group)
+            values = check_all(
+                declared, with_photometry(given) if group == "lamp" else given, group
+            )
             if group == "prior":
                 given, defaults = settings.get(group) or {}, PRIORS[values["known"]]
                 values |= {key: std for key, std in defaults.items() if key not in given}

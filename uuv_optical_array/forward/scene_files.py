@@ -104,7 +104,13 @@ def _layer(file: Path) -> Layer:
             )
     except ValueError as error:
         raise ValueError(f"scene {file}: {error}") from None
-    return Layer(file, {key: settings[key] for key in settings if key != EXTENDS}, extends)
+    own = {key: settings[key] for key in settings if key != EXTENDS}
+    lamp = own.get("lamp")
+    if isinstance(lamp, Mapping) and isinstance(lamp.get("photometry"), str):
+        # Its path is from the scene's folder.
+        path = file.parent / files.user_path(lamp["photometry"])
+        own["lamp"] = {**lamp, "photometry": str(path)}
+    return Layer(file, own, extends)
 
 
 def merged(layers_of_scene: Sequence[Layer]) -> Mapping[str, Any]:

@@ -1,0 +1,136 @@
+"""The beam of a lamp from its photometric file, as a sum of up to three Gaussians.
+
+They are fitted to the mean of the file's planes, weighted by the solid angle, out to `REACH`
+half-widths. Beyond, a pose has little light to go by.
+"""
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.forward.beam import WIDEST_DEG, dark_angle
+from uuv_optical_array.forward.photometric_files import Photometry, read
+
+REACH = 2.2  # half-widths
+LARGEST_RMS = 10.0  # of 1000 on the axis: beyond it poses would be false more than wide
+LEAST_RATIO = 1.3  # of two widths: nearer ones have large weights that cancel out
+POINTS = 100  # of the fit
+
+
+class FittedBeam(NamedTuple):
+    """Gaussians that were fitted to a photometric file.
+
+    - sigma_deg: standard deviation of the Gaussian of the same half-width, deg.
+    - widths, weights: as `beam.LampSettings` has them.
+    - rms: of the residual, of 1000 on the axis, out to reach_deg.
+    - planes_rms: by how much the planes differ from their mean, likewise.
+    """
+
+    sigma_deg: float
+    widths: list[float]
+    weights: list[float]
+    rms: float
+    planes_rms: float
+    reach_deg: float
+
+    def settings(self) -> dict[str, Any]:
+        """Return what a scene's lamp says of it."""
+        shape = {"beam_widths": self.widths, "beam_weights": self.weights}
+        return {"beam_sigma_deg": self.sigma_deg, **shape}
+
+    def text(self) -> str:
+        """Return how well it fits, in a sentence."""
+        return (
+            f"{len(self.widths)} Gaussians are within {self.rms:.1f} of 1000 (rms out to "
+            f"{self.reach_deg:.1f} deg) of the file, whose planes differ by {self.planes_rms:.0f}"
+        )
+
+
+def with_photometry(lamp: Any) -> Any:
+    """Return a scene's lamp, as plain values, with the beam of its photometric file, if it has one.
+
+    ValueError as `read` and `fitted`, for a file that is not there, or a beam that is given twice.
+    """
+    file = lamp.get("photometry") if isinstance(lamp, dict) else None
+    if file is None:
+        return lamp
+    for key in ("beam_sigma_deg", "beam_widths", "beam_weights"):
+        if lamp.get(key) is not None:
+            raise ValueError(
+                f"lamp.photometry: given beside {key}, which it stands for; null removes what an "
+                "extended scene gives"
+            )
+    if not isinstance(file, str):
+        raise ValueError(f"lamp.photometry: {file!r} is not a text; give a file, .ies or .ldt")
+    try:
+        beam = fitted(read(Path(file)))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"lamp.photometry: {file}: {error}") from None
+    return {**{k: v for k, v in lamp.items() if k != "photometry"}, **beam.settings()}
+
+
+def fitted(file: Photometry) -> FittedBeam:
+    """Fit up to three Gaussians to what a file says.
+
+    ValueError where they do not come within `LARGEST_RMS`.
+    """
+    # Imported here because it takes a tenth of a second, which nodes need not spend.
+    from scipy.optimize import minimize
+
+    half = file.half_width_deg
+    reach = min(REACH * half, file.angles_deg[-1], 90.0)
+    angles = np.linspace(0, reach, POINTS)
+    wanted = np.interp(angles, file.angles_deg, file.mean)
+    root = np.sqrt(np.sin(np.radians(angles)) + 1e-9)
+    root /= math.sqrt(float(np.sum(root**2)))
+    least, most = 0.25 * half, min(6 * half, WIDEST_DEG)
+
+    def weights_of(sigmas: Array) -> tuple[Array, float]:
+        rows = np.exp(-0.5 * (angles[:, None] / sigmas) ** 2)
+        found = np.linalg.lstsq(rows * root[:, None], wanted * root, rcond=None)[0]
+        return found, 1000 * float(np.linalg.norm((rows @ found - wanted) * root))
+
+    def sigmas_of(at: Array) -> Array:
+        """Return widths that are in order and apart, by unbounded numbers."""
+        steps = math.log(LEAST_RATIO) + np.exp(np.minimum(at[1:], 3.0))
+        sigmas: Array = np.exp(at[0] + np.append(0.0, np.cumsum(steps)))
+        return np.clip(sigmas, least, most)
+
+    def cost(at: Array) -> float:
+        sigmas = sigmas_of(at)
+        weights, rms = weights_of(sigmas)
+        outside = 1e3 if weights.sum() <= 0 or _dark(weights, sigmas) else 0.0
+        return rms + outside
+
+    best: tuple[float, Array] = math.inf, np.zeros(0)
+    for start in (0.3, 0.5, 0.8):
+        for step in (0.1, 0.5):
+            at = np.array([math.log(start * half), math.log(step), math.log(step)])
+            options = {"maxiter": 400, "xatol": 1e-4, "fatol": 1e-3}
+            found = minimize(cost, at, method="Nelder-Mead", options=options)
+            if found.fun < best[0]:
+                best = float(found.fun), sigmas_of(found.x)
+    rms, sigmas = best
+    if rms > LARGEST_RMS:
+        raise ValueError(
+            f"its beam differs by {rms:.0f} of 1000 (rms out to {reach:.1f} deg) from every sum of "
+            f"three Gaussians, of which {LARGEST_RMS:g} are allowed; its edge is too sharp, so "
+            "take a diffuser, or a lamp with a softer beam"
+        )
+    weights, _ = weights_of(sigmas)
+    sigma = round(half / math.sqrt(2 * math.log(2)), 3)
+    planes = np.array([np.interp(angles, file.angles_deg, row) for row in file.intensities])
+    scale = float(file.shares @ file.intensities[:, 0])
+    off = (planes / scale - wanted) * root
+    apart = 1000 * math.sqrt(float(file.shares @ np.sum(off**2, axis=1)))
+    shares = (weights / weights.sum()).round(4)
+    shares[-1] = round(1 - shares[:-1].sum(), 4)
+    widths = (sigmas / sigma).round(4).tolist()
+    return FittedBeam(sigma, widths, shares.tolist(), rms, apart, float(reach))
+
+
+def _dark(weights: Array, sigmas: Array) -> bool:
+    return dark_angle(np.array([weights, sigmas])) is not None

@@ -17,6 +17,7 @@ from uuv_optical_array.forward.photometric_files import Photometry, read
 REACH = 2.2  # half-widths
 LARGEST_RMS = 10.0  # of 1000 on the axis: beyond it poses would be false more than wide
 LEAST_RATIO = 1.3  # of two widths: nearer ones have large weights that cancel out
+WIDEST = 1.9  # half-widths: a wider Gaussian shines beyond the reach, where the lamp does not
 POINTS = 100  # of the fit
 
 
@@ -86,7 +87,7 @@ def fitted(file: Photometry) -> FittedBeam:
     wanted = np.interp(angles, file.angles_deg, file.mean)
     root = np.sqrt(np.sin(np.radians(angles)) + 1e-9)
     root /= math.sqrt(float(np.sum(root**2)))
-    least, most = 0.25 * half, min(6 * half, WIDEST_DEG)
+    least, most = 0.25 * half, min(WIDEST * half, WIDEST_DEG)
 
     def weights_of(sigmas: Array) -> tuple[Array, float]:
         rows = np.exp(-0.5 * (angles[:, None] / sigmas) ** 2)

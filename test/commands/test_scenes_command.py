@@ -90,3 +90,22 @@ def test_a_key_an_effect_and_a_group_are_found_by_their_short_names():
     assert seeds == [f"effects.{name}.seed" for name in ("lamp_drift", "plume", "responsivity")]
     assert "Eren et al. (2017)" in told("drift_per_c"), "source"
     assert "exp(-K r)` (Eren et al. 2016, eq. 5)" in told("effects"), "law and source"
+
+
+def test_a_beam_is_drawn_beside_its_photometric_file(tmp_path):
+    angles = np.arange(0.0, 90.5, 0.5)
+    row = 0.4 * np.exp(-0.5 * (angles / 5) ** 2) + 0.6 * np.exp(-0.5 * (angles / 14) ** 2)
+    numbers = ["1 -1 1 181 1 1 2 0 0 0", "1 1 9", *map(str, angles), "0", *map(str, 500 * row)]
+    (tmp_path / "lamp.ies").write_text("\n".join(["IESNA91", "TILT=NONE", *numbers]))
+    scene, picture = tmp_path / "sea.yaml", tmp_path / "beam.svg"
+    scene.write_text("extends: follow\nlamp: {beam_sigma_deg: null, photometry: lamp.ies}\n")
+    lines = told(scene, "--output", picture).splitlines()
+    assert lines[-1] == f"picture: {picture}"
+    file, beam = ([float(x) for x in line.split(":")[1].split(",")] for line in lines[2:4])
+    shown = [float(x) for x in lines[1].split(":")[1].split(",")]
+    np.testing.assert_allclose(file, 1000 * np.interp(shown, angles, row), atol=4)
+    np.testing.assert_allclose(beam, file, atol=3)
+    assert picture.read_text(encoding="utf-8").count("planes of the file") == 1
+    for words, named in ((["follow"], "follow"), ([], "no scene")):
+        error = command_line.run("scenes", *words, "--output", picture, code=2)
+        assert f"{named} names no lamp.photometry; give a scene" in error

@@ -8,6 +8,7 @@ a group, an effect or a key it prints unit, bounds, default and source.
   uuv_array scenes coastal > sea.yaml     all its settings
   uuv_array scenes plume                  an effect; lamp: a group; seed: all keys of that name
   uuv_array scenes effects                every effect in a line
+  uuv_array scenes sea.yaml --output beam.png  its beam beside the photometric file that it names
   uuv_array scenes schema > scene.schema.json
 An editor with a YAML language server completes and checks a scene by the schema, if a line of it
 says: # yaml-language-server: $schema=scene.schema.json
@@ -24,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.cli import options
+from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.commands.limits import REACH_M, reach
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Setting, Span, declared, hint, summary
@@ -34,9 +35,10 @@ from uuv_optical_array.forward.beam import radiance
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.photometric_files import read
-from uuv_optical_array.forward.photometry import fitted
+from uuv_optical_array.forward.photometry import FittedBeam, fitted
 from uuv_optical_array.forward.scene import GROUPS, Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
+from uuv_optical_array.plots.style import new_figure, save
 
 OWNERS: dict[str, Callable[..., Any]] = {
     **GROUPS,
@@ -49,6 +51,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     names = "of a scene, a group, an effect or a key; schema: the JSON schema of scenes"
     parser.add_argument("name", nargs="?", help=f"{names} (default: list all scenes)")
+    outputs.add_picture(parser, None, about="picture of the beam beside a scene's photometric file")
 
 
 def figures(scene: Scene) -> list[str]:
@@ -81,29 +84,62 @@ def settings_text(name: str) -> str:
     file = scene_file(name)
     bases = [layer.extends for layer in scene_files.layers(file) if layer.extends]
     about = f"{file.stem} extends {', which extends '.join(bases)}." if bases else ""
-    comment = "".join(f"# {line}\n" for line in (sentence(file), about, *beside(file)) if line)
+    comment = "".join(
+        f"# {line}\n" for line in (sentence(file), about, *beside(photometry_of(file))) if line
+    )
     return f"{comment}\n{yaml_text.text_of(load_scene(name).settings())}".strip()
 
 
-def beside(file: Path) -> list[str]:
-    """Return the beam of a scene beside its photometric file, in lines; none without one."""
+def photometry_of(file: Path) -> Path | None:
+    """Return the photometric file that a scene names; ``None`` without one."""
     lamp = scene_files.merged(scene_files.layers(file)).get("lamp") or {}
-    if not lamp.get("photometry"):
+    return Path(lamp["photometry"]) if lamp.get("photometry") else None
+
+
+def light_of(beam: FittedBeam, angles_deg: Array) -> Array:
+    """Return the intensity of a fitted beam over that on the axis."""
+    return radiance(np.array([beam.weights, beam.widths]), angles_deg / beam.sigma_deg)
+
+
+def beside(path: Path | None) -> list[str]:
+    """Return the beam of a photometric file beside it, in lines; none without one."""
+    if path is None:
         return []
-    path = Path(lamp["photometry"])
     measured = read(path)
     beam = fitted(measured)
-    angles = np.linspace(0, beam.reach_deg, 9, dtype=float)
+    angles: Array = beam.reach_deg * np.arange(9.0) / 8
     of_file = np.interp(angles, measured.angles_deg, measured.mean)
-    over_sigma: Array = np.array(angles / beam.sigma_deg, dtype=float)
-    of_beam = radiance(np.array([beam.weights, beam.widths]), over_sigma)
     half = f"half-width {measured.half_width_deg:.1f} deg"
     return [
         f"lamp.photometry {path.name}: {half}; {beam.text()}.",
         "deg of 1000: " + ", ".join(f"{angle:.1f}" for angle in angles),
         "       file: " + ", ".join(f"{1000 * value:.0f}" for value in of_file),
-        "       beam: " + ", ".join(f"{1000 * value:.0f}" for value in of_beam),
+        "       beam: " + ", ".join(f"{1000 * value:.0f}" for value in light_of(beam, angles)),
     ]
+
+
+def draw(path: Path) -> Any:
+    """Draw the beam of a photometric file beside its planes, and what is left of 1000."""
+    measured = read(path)
+    beam, figure = fitted(measured), new_figure(8, 7)
+    light, rest = figure.subplots(2, sharex=True, height_ratios=(2, 1))
+    angles: Array = min(1.5 * beam.reach_deg, measured.angles_deg[-1]) * np.arange(301.0) / 300
+    mean = np.interp(angles, measured.angles_deg, measured.mean)
+    scale = float(measured.shares @ measured.intensities[:, 0]) / 1000
+    for k, plane in enumerate(measured.intensities):
+        about = {"label": "planes of the file"} if k == 0 else {}
+        light.plot(measured.angles_deg, plane / scale, color="0.7", lw=0.8, **about)
+    light.plot(angles, 1000 * mean, "k", lw=2, label="their mean")
+    light.plot(angles, 1000 * light_of(beam, angles), "C1--", lw=2, label="scene")
+    rest.plot(angles, 1000 * (light_of(beam, angles) - mean), "C1", lw=2)
+    for axes in (light, rest):
+        axes.axvline(beam.reach_deg, color="k", lw=1, ls=":")
+        axes.grid(alpha=0.4)
+    light.set(ylabel="intensity (1000: on the axis)", title=f"{path.name}: {beam.rms:.1f} rms")
+    light.legend()
+    rest.set(xlabel="off the axis (deg); dotted: end of the fit", ylabel="scene less mean")
+    rest.set_xlim(0, angles[-1])
+    return figure
 
 
 def bounds_text(setting: Setting) -> str:
@@ -144,9 +180,25 @@ def explanation(name: str) -> Iterator[str]:
             yield textwrap.indent(f"of {owner_name}: {inspect.getdoc(owner)}", "  ")
 
 
+def _picture(args: argparse.Namespace) -> int:
+    output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    with options.checking_options():
+        path = photometry_of(scene_file(args.name)) if args.name else None
+        if path is None:
+            fault = f"{args.name or 'no scene'} names no lamp.photometry; give a scene that does"
+            raise options.OptionError(f"--output {output}: {fault}")
+        figure = draw(path)
+    save(figure, output)
+    print("\n".join(beside(path)))
+    print(f"picture: {output}")
+    return 0
+
+
 def run(args: argparse.Namespace) -> int:
     """Print the list, the schema or an explanation."""
     name = args.name
+    if args.output:
+        return _picture(args)
     if name == "schema":
         print(files.shared_file("config/scene.schema.json").read_text("utf-8"), end="")
     elif name is None:

@@ -63,6 +63,7 @@ def test_the_gaussians_of_a_file_are_found(tmp_path, year, parts):
     beam = fitted(read(written(tmp_path, ies([0], [beam_of(parts)], year))))
     assert beam.rms < 1.5
     assert beam.planes_rms < 1e-6
+    assert beam.on_axis == pytest.approx(1, abs=5e-3)
     found = radiance(np.array([beam.weights, beam.widths]), ANGLES / beam.sigma_deg)
     within = beam.reach_deg >= ANGLES
     np.testing.assert_allclose(found[within], beam_of(parts)[within], atol=5e-3)

@@ -97,8 +97,9 @@ def photometry_of(file: Path) -> Path | None:
 
 
 def light_of(beam: FittedBeam, angles_deg: Array) -> Array:
-    """Return the intensity of a fitted beam over that on the axis."""
-    return radiance(np.array([beam.weights, beam.widths]), angles_deg / beam.sigma_deg)
+    """Return the intensity of a fitted beam, over that of the file on the axis."""
+    shape = np.array([beam.weights, beam.widths])
+    return beam.on_axis * radiance(shape, angles_deg / beam.sigma_deg)
 
 
 def beside(path: Path | None) -> list[str]:

@@ -28,6 +28,7 @@ class FittedBeam(NamedTuple):
     - widths, weights: as `beam.LampSettings` has them.
     - rms: of the residual, of 1000 on the axis, out to reach_deg.
     - planes_rms: by how much the planes differ from their mean, likewise.
+    - on_axis: their light over that of the file, on the axis; elsewhere it is nearer to 1.
     """
 
     sigma_deg: float
@@ -36,6 +37,7 @@ class FittedBeam(NamedTuple):
     rms: float
     planes_rms: float
     reach_deg: float
+    on_axis: float
 
     def settings(self) -> dict[str, Any]:
         """Return what a scene's lamp says of it."""
@@ -130,7 +132,8 @@ def fitted(file: Photometry) -> FittedBeam:
     shares = (weights / weights.sum()).round(4)
     shares[-1] = round(1 - shares[:-1].sum(), 4)
     widths = (sigmas / sigma).round(4).tolist()
-    return FittedBeam(sigma, widths, shares.tolist(), rms, apart, float(reach))
+    on_axis = float(weights.sum())
+    return FittedBeam(sigma, widths, shares.tolist(), rms, apart, float(reach), on_axis)
 
 
 def _dark(weights: Array, sigmas: Array) -> bool:

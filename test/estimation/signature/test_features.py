@@ -173,3 +173,13 @@ def test_an_image_without_a_pattern_says_why_with_the_figure():
     lit[0, 4] = 5.0
     assert no_pattern(lit, 5.0) is None
     assert "4.5 counts" in no_pattern(lit * 0.9, 5.0)
+
+
+def test_readings_that_differ_by_rounding_are_equally_bright():
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        half = rng.uniform(50, 900, (5, 3))
+        image = np.hstack([half, half[:, 1::-1]])  # it mirrors itself
+        off = image * (1 + 4e-16 * rng.integers(-2, 3, image.shape))
+        found, exact = (key_parameters(each, FULL_SCALE, "subdetector") for each in (off, image))
+        np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-9)

@@ -23,6 +23,9 @@ from uuv_optical_array.forward.scene import Scene, SignatureSettings
 
 FEATURE_NAMES = ("peak", "column", "row", "skewness_horizontal", "skewness_vertical")
 LEAST = 1e-300  # scale of values that are next to nothing
+# Readings that differ by no more than this share are equally bright: in images of a model, which
+# rounding makes differ in NumPy by another part than in compiled code.
+TIE = 1e-12
 Peak = Literal["detector", "subdetector"]
 
 
@@ -104,11 +107,12 @@ def settle_ties(
     high: Any,
     centres: Any,
 ) -> None:
-    """Choose among the brightest detectors of an image the one nearest their centroid."""
+    """Choose among the brightest detectors of an image (`TIE`) the one nearest their centroid."""
     top = brightest[i]
+    least = top - TIE * abs(top)
     tops, column_sum, row_sum = 0 * top, 0 * top, 0 * top
     for k in range(side * side):
-        is_top = choose(readings[k, i] == top, 1.0, 0.0)
+        is_top = choose(readings[k, i] >= least, 1.0, 0.0)
         tops = tops + is_top
         column_sum = column_sum + is_top * (k % side)
         row_sum = row_sum + is_top * (k // side)
@@ -119,7 +123,7 @@ def settle_ties(
         column_off = k % side * tops - column_sum
         row_off = k // side * tops - row_sum
         off = column_off * column_off + row_off * row_off
-        is_top = readings[k, i] == top
+        is_top = readings[k, i] >= least
         better = is_top & (off < nearest)
         nearest = choose(better, off, nearest)
         place = choose(better, float(k), place)
@@ -148,8 +152,9 @@ def write_parameters(
     for k in range(1, side * side):
         for i in indices(m):
             reading, top = readings[k, i], brightest[i]
-            better = reading > top
-            tops[i] = choose(better, 1.0, tops[i] + choose(reading == top, 1.0, 0.0))
+            better = reading > top + TIE * abs(top)
+            tied = reading >= top - TIE * abs(top)
+            tops[i] = choose(better, 1.0, tops[i] + choose(tied, 1.0, 0.0))
             places[i] = choose(better, float(k), places[i])
             brightest[i] = choose(better, reading, top)
     for i in indices(m):

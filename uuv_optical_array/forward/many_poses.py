@@ -11,7 +11,7 @@ from numpy import cos, sin
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z, in_body, rotation
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import indices
+from uuv_optical_array.core.numerics.elementwise import indices, law
 from uuv_optical_array.forward.lamps import (
     AXIS_PITCH,
     AXIS_YAW,
@@ -49,6 +49,14 @@ def see_lamp(place: Any, axis: Any, poses: Any, lamps: Any) -> None:
         lamps[3, i], lamps[4, i], lamps[5, i] = in_body(rows, axis)
 
 
+@law
+def ray_from(lamps: Any, i: Any, place: Any, normal: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
+    """Follow the light from where follower i sees the lamp to a detector, as `ray`."""
+    x, y, z = place
+    to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
+    return ray(to, normal, (lamps[3, i], lamps[4, i], lamps[5, i]))
+
+
 def shine_clear(
     place: Any, normal: Any, lamps: Any, lamp: Any, gaussians: Any, rays: Any, light: Any
 ) -> None:
@@ -56,19 +64,15 @@ def shine_clear(
 
     The lamp is its power and the beam's sigma, rad; the light has shape ``(1, m)``.
     """
-    (x, y, z), (power, sigma_rad) = place, lamp
+    power, sigma_rad = lamp
     if gaussians.shape[1] == 1:
         for i in indices(lamps.shape[1]):
-            to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
-            axis = lamps[3, i], lamps[4, i], lamps[5, i]
-            range_m, half_square, cosine, _, _, _ = ray(to, normal, axis)
+            range_m, half_square, cosine, _, _, _ = ray_from(lamps, i, place, normal)
             light[0, i], _, _, _, _ = lamp_light(range_m, half_square, cosine, power, sigma_rad)
             rays[RANGE, i], rays[INCIDENCE, i] = range_m, cosine
     else:
         for i in indices(lamps.shape[1]):
-            to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
-            axis = lamps[3, i], lamps[4, i], lamps[5, i]
-            range_m, half_square, cosine, _, _, _ = ray(to, normal, axis)
+            range_m, half_square, cosine, _, _, _ = ray_from(lamps, i, place, normal)
             light[0, i], _, _, _, _ = lamp_light_of_three(
                 range_m, half_square, cosine, power, sigma_rad, gaussians
             )
@@ -86,12 +90,10 @@ def shine_scattered(
     light: Any,
 ) -> None:
     """Write the same as `shine_clear` in water that scatters."""
-    (x, y, z), (power, sigma_rad) = place, lamp
+    power, sigma_rad = lamp
     if gaussians.shape[1] == 1:
         for i in indices(lamps.shape[1]):
-            to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
-            axis = lamps[3, i], lamps[4, i], lamps[5, i]
-            range_m, half_square, cosine, axial, along_m, _ = ray(to, normal, axis)
+            range_m, half_square, cosine, axial, along_m, _ = ray_from(lamps, i, place, normal)
             angle = half_square, along_m / range_m, 1.0  # the last is for slopes alone
             (flux, _, _, _, _), (incidence, _, _, _, _, _) = scattered_light(
                 range_m, angle, cosine, axial, power, sigma_rad, scattering_per_m
@@ -101,9 +103,7 @@ def shine_scattered(
             rays[RANGE, i], rays[INCIDENCE, i] = range_m, incidence
     else:
         for i in indices(lamps.shape[1]):
-            to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
-            axis = lamps[3, i], lamps[4, i], lamps[5, i]
-            range_m, half_square, cosine, axial, along_m, _ = ray(to, normal, axis)
+            range_m, half_square, cosine, axial, along_m, _ = ray_from(lamps, i, place, normal)
             angle = half_square, along_m / range_m, 1.0
             (flux, _, _, _, _), (incidence, _, _, _, _, _) = scattered_light_of_three(
                 range_m, angle, cosine, axial, power, sigma_rad, gaussians, scattering_per_m

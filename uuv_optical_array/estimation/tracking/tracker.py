@@ -264,7 +264,6 @@ class Tracker:
         of single images are not to err as the track does. Of the light it is how likely it still is
         as uneven at the stamp, ns, as it was in the newest frame of the track.
         """
-        state = self._history[-1][1] if self._history else self._previous
         c, state = self._constants, self._history[-1][1] if self._history else self._previous
         mean, covariance, usual = np.zeros(len(c.names)), np.diag(np.square(c.stds)), c.uneven
         if state is None or not usual:

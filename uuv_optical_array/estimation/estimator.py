@@ -33,7 +33,7 @@ from uuv_optical_array.estimation.signature.plausibility import (
     check_parameters,
 )
 from uuv_optical_array.estimation.signature_table import SignatureTable, build_table, grid_axes
-from uuv_optical_array.estimation.unknowns.constants import Expected, constants_of
+from uuv_optical_array.estimation.unknowns.constants import constants_of
 from uuv_optical_array.forward.aim import aim_slopes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
@@ -172,7 +172,7 @@ class Estimator:
         image: ArrayLike | None = None,
         parameters: ArrayLike | None = None,
         roll: float = 0.0,
-        expected: Expected | None = None,
+        uneven: float | None = None,
     ) -> Estimate:
         """Estimate the pose from one image.
 
@@ -186,8 +186,9 @@ class Estimator:
             ``least_squares`` always does.
         roll
             Roll of the follower, as its own sensors know it, rad.
-        expected
-            What is known of the frame, as of `Tracker.expected`; ``None``: what the prior says.
+        uneven
+            Probability that it is lit unevenly, by the images before, as of `Tracker.uneven`; the
+            estimate then has the readings for the track. ``None``: the image stands by itself.
 
         Raises
         ------
@@ -195,7 +196,7 @@ class Estimator:
             For parameters that are not finite, hold no light or are beyond what an array can give,
             for a signature or an image that belongs to no pose of the scene.
         """
-        estimate = self._estimate(image, parameters, float(roll), expected)
+        estimate = self._estimate(image, parameters, float(roll), uneven)
         if self.scene.prior.aimed:
             return estimate
         covariance = estimate.covariance + self.aim_covariance(estimate.pose, roll)
@@ -211,7 +212,7 @@ class Estimator:
         image: ArrayLike | None,
         parameters: ArrayLike | None,
         roll: float,
-        expected: Expected | None,
+        uneven: float | None,
     ) -> Estimate:
         fits = self.settings.method == "least_squares"
         if parameters is None:
@@ -219,7 +220,7 @@ class Estimator:
             if not readings.max() > 0:
                 raise NoPose(f"no light: the brightest detector reads {readings.max():g}")
             if fits:
-                return self._fit(readings, roll, expected)
+                return self._fit(readings, roll, uneven)
             image = readings.reshape(self._model.image_shape)
             parameters = scene_parameters(image, self.scene)
         parameters = np.asarray(parameters, dtype=float)
@@ -230,13 +231,13 @@ class Estimator:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
         check_parameters(parameters, self._bounds)
         if fits:
-            return self._fit(self._readings(image), roll, expected)
+            return self._fit(self._readings(image), roll, uneven)
         match, rows, poses = self._match(self.table.vectors(parameters), roll)
         if image is None:
             return match
         # From the match itself, and from its neighbours only where it leads nowhere.
         near = rows[:MOST_STARTS], poses[:MOST_STARTS]
-        return self._verified(match, *near, self._readings(image), roll, expected)
+        return self._verified(match, *near, self._readings(image), roll, uneven)
 
     def check_shape(self, image: ArrayLike | None) -> None:
         """Raise `NoPose` for what is no image of the scene's array."""
@@ -289,7 +290,7 @@ class Estimator:
         poses: Array,
         readings: Array,
         roll: float,
-        expected: Expected | None,
+        uneven: float | None,
     ) -> Estimate:
         """Hold a match to the image: a fit tells whether it is of the scene, and how far off."""
         near = self._fit.guide._replace(
@@ -299,7 +300,7 @@ class Estimator:
             candidates=1,
             gaussian=True,
         )
-        fitted = self._fit(readings, roll, expected, near)
+        fitted = self._fit(readings, roll, uneven, near)
         off = wrapped(match.pose - fitted.pose)
         # The grid's cell and the neighbours' spread, more where the match is off, and the fit's
         # own.

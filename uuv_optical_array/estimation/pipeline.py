@@ -118,8 +118,8 @@ class Pipeline:
         """
         if image is not None:
             self.check(image)
-        expected = None if self.tracker is None else self.tracker.expected(stamp_ns)
-        estimate = self.estimator.estimate(image, parameters, roll, expected)
+        uneven = None if self.tracker is None else self.tracker.uneven(stamp_ns)
+        estimate = self.estimator.estimate(image, parameters, roll, uneven)
         if image is None:
             assert parameters is not None
             self._frozen.check(

@@ -165,13 +165,12 @@ class ForwardModel:
     def _of(self, kind: type[T]) -> list[T]:
         return [form for form in self._forms if isinstance(form, kind)]
 
-    def optics(self, nuisances: Sequence[str] = (), given: Sequence[str] = ()) -> Optics:
-        """Return the scene in numbers.
+    def optics(self, nuisances: Sequence[str] = ()) -> Optics:
+        """Return the scene in numbers; the `nuisances` have offsets, in this order.
 
-        The `nuisances` have offsets, in this order; the unknown light `given`, of level 0, comes
-        before all else on the array. ValueError for a setting that the scene does not have.
+        ValueError for a setting that the scene does not have.
         """
-        for name in (*nuisances, *given):
+        for name in nuisances:
             if name not in self.nuisances:
                 raise ValueError(f"{name}: no nuisance of scene {self.scene.name}")
 
@@ -182,8 +181,7 @@ class ForwardModel:
         passed = self._of(forms.Transmission)
         passed += [form for form in unknown if isinstance(form, forms.Transmission)]
         # Light that the scene does not name comes before the effects on the array.
-        steps: list[Any] = [self._unknown[name] for name in given]
-        steps += [form for form in unknown if isinstance(form, forms.Step)]
+        steps: list[Any] = [form for form in unknown if isinstance(form, forms.Step)]
         steps += [form for form in self._forms if isinstance(form, forms.Step | Blur)]
         blurs, count = self._of(Blur), self._lamps.shape[1]
         values = np.zeros((len(steps), count * self.array.side**2))

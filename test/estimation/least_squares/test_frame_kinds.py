@@ -5,7 +5,6 @@ import pytest
 from scenes import coarse, with_prior
 
 from uuv_optical_array.estimation.least_squares.frame_kinds import expecting, frame_kinds
-from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
@@ -56,9 +55,8 @@ def test_images_before_change_how_often_light_is_uneven_and_not_how_far():
     kinds = frame_kinds(
         ForwardModel(with_prior(coarse("reference"), uneven_probability=0.3)), *PRIOR
     )
-    nothing = np.zeros(0), np.zeros((0, 0))
-    shares = [kind.share for kind in expecting(kinds, Expected(*nothing, 0.6))]
+    shares = [kind.share for kind in expecting(kinds, 0.6)]
     assert shares == pytest.approx([0.4, 0.4, 0.2])
-    assert expecting(kinds, Expected(*nothing)) is kinds
+    assert expecting(kinds, None) is kinds
     # However sure they are, an image may still be of the other kind.
-    assert expecting(kinds, Expected(*nothing, 1.0))[0].share > 0
+    assert expecting(kinds, 1.0)[0].share > 0

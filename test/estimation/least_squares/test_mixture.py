@@ -7,7 +7,6 @@ from scenes import coarse, squared_error, with_prior
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame import FITTED, MISFIT, FrameResult
 from uuv_optical_array.estimation.least_squares.frame_kinds import mixture
-from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
 
 SCENE = coarse("reference")
@@ -100,11 +99,10 @@ def test_a_pose_in_uneven_light_is_as_wide_as_its_error():
 def test_images_before_weigh_in_by_the_rule_of_bayes():
     model, rng = ForwardModel(UNEVEN), np.random.default_rng(5)
     image = unevenly_lit(model, np.array([-5.0, 0.2, -0.1, 0.1, 0.05]), 0.1, rng)
-    estimator, nothing = Estimator(UNEVEN), (np.zeros(0), np.zeros((0, 0)))
-    odds = []
+    estimator, odds = Estimator(UNEVEN), []
     # With such shares a linear look leaves doubt, and the image is taken for both.
     for share in (0.4, 0.5, 0.6):
-        clear = estimator.estimate(image, expected=Expected(*nothing, share)).clear
+        clear = estimator.estimate(image, uneven=share).clear
         assert 1e-4 < clear < 1 - 1e-4
         odds.append(clear / (1 - clear) * share / (1 - share))
     assert odds == pytest.approx([odds[0]] * 3, rel=1e-6)

@@ -71,7 +71,7 @@ def test_what_lasts_is_named_with_its_size(beyond, what, size):
 
 
 def test_a_scene_that_names_shades_is_not_tested():
-    cloudy = replace(CONSTANTS, unclear_lasts_s=5.0)
+    cloudy = replace(CONSTANTS, unclear_lasts_s=5.0, names_shades=True)
     for constants, tested in ((CONSTANTS, True), (cloudy, False)):
         found, _ = watched(np.random.default_rng(3), 25, one_detector, constants)
         space = BiasSpace(constants, 43_200.0)

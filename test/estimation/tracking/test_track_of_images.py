@@ -13,7 +13,6 @@ from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
-from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ABSORPTION, AMBIENT, GRADIENTS, POWER
 from uuv_optical_array.forward.scene import load_scene
@@ -43,40 +42,20 @@ def test_daylight_is_as_uneven_as_it_is_unknown_but_where_the_scene_says_more():
     assert load_scene("reference").constants_std() == {}
 
 
-def expected(estimator, slopes, std):
-    """Return that nothing is known of the constants but the slopes of daylight."""
-    stds = np.array(estimator.constants.stds)
-    stds[-2:] = std
-    return Expected(np.array([*np.zeros(len(stds) - 2), *slopes]), np.diag(stds**2))
-
-
-def seen(model, slopes):
-    offsets = dict(zip(GRADIENTS, np.array(slopes), strict=True))
-    return model.light(POSE, 0.0, offsets)
-
-
-def test_a_slope_that_is_known_changes_no_pose(estimator):
+def test_what_one_image_does_not_tell_of_the_slope_widens_its_pose_for_a_track(estimator):
     model = ForwardModel(estimator.scene)
-    without = estimator.estimate(seen(model, [0, 0]), expected=expected(estimator, [0, 0], 0.01))
-    with_it = estimator.estimate(seen(model, [6, -9]), expected=expected(estimator, [6, -9], 0.01))
-    assert with_it.pose == pytest.approx(without.pose, abs=2e-3)
-    found = with_it.readings
-    assert found.at[-2:] == pytest.approx([6, -9])
-    # Not told of it, the fit sees a turn: by more than a degree.
-    turned = estimator.estimate(seen(model, [6, -9]))
-    assert np.abs(turned.pose - without.pose)[3:].max() > 0.02
 
+    def fitted(slopes, uneven=None):
+        light = model.light(POSE, 0.0, dict(zip(GRADIENTS, np.array(slopes), strict=True)))
+        return estimator.estimate(light, uneven=uneven)
 
-def test_what_is_not_known_of_the_slope_widens_the_pose_as_fits_that_are_told_others(estimator):
-    image, std = seen(ForwardModel(estimator.scene), [0, 0]), 0.5
-
-    def told(slopes, std=1e-6):
-        return estimator.estimate(image, expected=expected(estimator, slopes, std))
-
-    ways = [[told(std * way).readings.at[:5] for way in (side, -side)] for side in np.eye(2)]
-    moved = np.array([ahead - back for ahead, back in ways])
-    added = told([0, 0], std).covariance - told([0, 0]).covariance
-    np.testing.assert_allclose(added, moved.T @ moved / 4, rtol=0.05, atol=0.02 * added.max())
+    # A slope of daylight that the fit does not know of looks like a turn, so far by a count.
+    moved = np.array([fitted(side).pose - fitted(-side).pose for side in np.eye(2)]) / 2
+    by_itself, uneven = fitted([0, 0]), estimator.constants.uneven
+    added = fitted([0, 0], uneven).covariance - by_itself.covariance
+    std = estimator.scene.prior.ambient_std_counts
+    expected = by_itself.clear * std**2 * moved.T @ moved
+    np.testing.assert_allclose(added, expected, rtol=0.05, atol=0.02 * added.max())
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -215,9 +194,9 @@ def test_a_track_takes_readings_where_the_image_shows_one_pose(
 ):
     scene = changed(coarse("follow"), array=array, prior={"known": "calibrated"})
     found = Estimator(build_table(scene))
-    known = Tracker(TrackerSettings(), constants=found.constants).expected(0)
+    known = Tracker(TrackerSettings(), constants=found.constants).uneven(0)
     image = ForwardModel(scene).light(np.array([-range_m, *POSE[1:]]))
-    assert (found.estimate(image, expected=known).readings is not None) == linear
+    assert (found.estimate(image, uneven=known).readings is not None) == linear
 
 
 # Each of these seas with gaps, where the readings alone were held to the track, lost it.

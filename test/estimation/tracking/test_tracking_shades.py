@@ -63,13 +63,13 @@ def test_a_clear_frame_outweighs_a_shaded_one_by_all_that_the_shade_may_do():
 
 def test_uneven_light_is_expected_to_last_and_then_as_often_as_usual():
     tracker = Tracker(TrackerSettings(), constants=Constants(unclear_lasts_s=LASTS_S, uneven=0.02))
-    assert tracker.expected(START_NS).uneven == 0.02
+    assert tracker.uneven(START_NS) == 0.02
     tracker.update(START_NS, STATION, NOISE, shaded=0.9)
     for seconds in (0.0, 1.5, 100.0):
         expected = 0.02 + (0.9 - 0.02) * np.exp(-seconds / LASTS_S)
         stamp = START_NS + round(seconds * 1e9)
-        assert tracker.expected(stamp).uneven == pytest.approx(expected, rel=1e-12)
+        assert tracker.uneven(stamp) == pytest.approx(expected, rel=1e-12)
     # A clear one after it ends the suspicion.
     tracker.update(START_NS + TENTH_NS, STATION, NOISE)
-    assert tracker.expected(START_NS + TENTH_NS).uneven == 0
-    assert Tracker(TrackerSettings()).expected(START_NS).uneven == 0
+    assert tracker.uneven(START_NS + TENTH_NS) == 0
+    assert Tracker(TrackerSettings()).uneven(START_NS) == 0

@@ -15,10 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.numerics.linear_algebra import solve
 from uuv_optical_array.estimation.least_squares.frame import FITTED, FrameResult
 from uuv_optical_array.estimation.least_squares.problem import Problem, problem_of
-from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import (
     BEAM_SIGMA,
@@ -39,49 +37,27 @@ BY_LAMP = {OWN_POWER: 0.2, "pitch_deg": 1.0, "yaw_deg": 1.0}
 
 
 class FrameKind(NamedTuple):
-    """A kind of frame, with r nuisances, some of which are the scene's q unknown constants.
-
-    Of the constants the first are fitted; those that no image can tell are given.
+    """A kind of frame, with nuisances, some of which are the scene's unknown constants.
 
     - problem: its posterior, without readings.
     - names: of its nuisances.
     - share: of such frames, in (0, 1].
-    - places: those of the fitted constants among the nuisances, shape ``(k,)``.
     - shared: places of the clear kind's nuisances among these.
-    - added: what this kind adds to the variances of the constants, shape ``(r,)``.
     - doubt: factor of the pose's covariance, >= 1, for what the kind does not describe.
     """
 
     problem: Problem
     names: tuple[str, ...]
     share: float
-    places: NDArray[np.intp]
     shared: NDArray[np.intp]
-    added: Array
     doubt: float
-
-    def knowing(self, expected: Expected | None) -> Problem:
-        """Return the problem where more is known of the constants than the scene says."""
-        if expected is None or not len(expected.mean):
-            return self.problem
-        fitted, optics = len(self.places), self.problem.optics
-        whole = expected.covariance[:fitted, :fitted] + np.diag(self.added[self.places])
-        at, precision = self.problem.nuisance_mean.copy(), self.problem.nuisance_precision.copy()
-        at[self.places] += expected.mean[:fitted]
-        precision[self.places[:, None], self.places] = solve(whole, np.eye(fitted))
-        scales, given = optics.step_scales.copy(), expected.mean[fitted:]
-        scales[: len(given)] = given
-        return self.problem._replace(
-            optics=optics._replace(step_scales=scales),
-            nuisance_mean=at,
-            nuisance_precision=precision,
-        )
 
 
 def frame_kinds(model: ForwardModel, pose_mean: Array, pose_std: Array) -> list[FrameKind]:
     """Return the kinds of frame of a model's scene, the clear one first, by the pose's prior."""
     known, lamps = model.scene.prior, model.scene.lamp_count if model.scene.lamps else 0
     own_stds, constants = model.scene.nuisance_std(), model.scene.constants_std()
+    seen_by_many = {name: std for name, std in constants.items() if name not in own_stds}
     kinds: list[FrameKind] = []
     for light in known.lights(model.scene.daylight_scale_counts, lamps):
         stds = {**own_stds, **known.std_in(light)}
@@ -99,30 +75,29 @@ def frame_kinds(model: ForwardModel, pose_mean: Array, pose_std: Array) -> list[
             for name, std in {**BY_LAMPS, **own}.items():
                 if stds.get(name, 0.0) > 0:  # else a scene of this kind knows it exactly
                     stds[name] = math.hypot(stds[name], light.size * std)
-        names, known_exactly = list(stds), [name for name in constants if name not in stds]
-        problem = problem_of(model, pose_mean, pose_std, stds, known_exactly)
+        for name, std in seen_by_many.items():
+            if name in stds:
+                stds[name] = math.hypot(stds[name], std)
+        names = list(stds)
+        problem = problem_of(model, pose_mean, pose_std, stds)
         mean = problem.nuisance_mean.copy()
         if light.cloud:
             mean[names.index(POWER)] = -light.depth
         noise = problem.noise._replace(square=gain_std**2)
-        fitted = [name for name in constants if name in stds]
-        places = np.array([names.index(name) for name in fitted], dtype=np.intp)
-        added = np.square(list(stds.values()))
-        added[places] -= np.square([own_stds.get(name, 0.0) for name in fitted])
         problem = problem._replace(nuisance_mean=mean, noise=noise)
         doubt = shade_doubt(model.scene.lamp_count) if light.cloud else 1.0
         clear = kinds[0].names if kinds else names
         shared = np.array([names.index(name) for name in clear], dtype=np.intp)
-        of = problem, tuple(names), light.share, places, shared, added, doubt
+        of = problem, tuple(names), light.share, shared, doubt
         kinds.append(FrameKind(*of))
     return kinds
 
 
-def expecting(kinds: list[FrameKind], expected: Expected | None) -> list[FrameKind]:
-    """Return kinds of frame with the shares that the images before let expect."""
-    if expected is None or expected.uneven is None or len(kinds) == 1:
+def expecting(kinds: list[FrameKind], uneven: float | None) -> list[FrameKind]:
+    """Return kinds of frame where the images before let expect so many that are not clear."""
+    if uneven is None or len(kinds) == 1:
         return kinds
-    share, (clear, *others) = min(max(expected.uneven, LEAST), 1 - LEAST), kinds
+    share, (clear, *others) = min(max(uneven, LEAST), 1 - LEAST), kinds
     whole = sum(kind.share for kind in others)
     others = [kind._replace(share=share * (kind.share / whole)) for kind in others]
     return [clear._replace(share=1 - share), *others]

@@ -47,7 +47,7 @@ from uuv_optical_array.estimation.least_squares.starts import Guide, guide_of
 from uuv_optical_array.estimation.signature import features
 from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.estimation.unknowns import joint_coordinates
-from uuv_optical_array.estimation.unknowns.constants import Constants, Expected
+from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.model import ForwardModel
 
 # The pose's prior is Gaussian about the middle of the table, this many half extents wide: too
@@ -78,11 +78,10 @@ class Image(NamedTuple):
 
     readings: Array
     roll: float
-    expected: Expected | None
 
     def problem(self, kind: FrameKind) -> Problem:
         """Return the posterior of the image as a frame of a kind."""
-        return kind.knowing(self.expected)._replace(readings=self.readings, roll=self.roll)
+        return kind.problem._replace(readings=self.readings, roll=self.roll)
 
 
 class Hypothesis(NamedTuple):
@@ -178,19 +177,19 @@ class ImageFit:
         self,
         readings: Array,
         roll: float = 0.0,
-        expected: Expected | None = None,
+        uneven: float | None = None,
         guide: Guide | None = None,
     ) -> Estimate:
         """Fit an image.
 
         - readings: counts, shape ``(m,)``.
-        - roll, expected: as of `Estimator.estimate`.
+        - roll, uneven: as of `Estimator.estimate`.
         - guide: ``None``: that of all images, some of whose detectors may be faulty.
         - NoPose: for an image that no pose of the scene explains.
         """
-        image, kinds = Image(readings, roll, expected), expecting(self._kinds, expected)
+        image, kinds = Image(readings, roll), expecting(self._kinds, uneven)
         found = self._hypotheses(image, kinds, guide or self.guide, faults=guide is None)
-        return self._together(image, found)
+        return self._together(image, found, uneven is not None)
 
     def _hypotheses(
         self, image: Image, kinds: list[FrameKind], guide: Guide, faults: bool
@@ -295,8 +294,8 @@ class ImageFit:
         units, roots = self.guide.units[:, :2].copy(), self.guide.roots[:, :0].copy()
         return self.guide._replace(poses=poses, units=units, roots=roots, candidates=1)
 
-    def _together(self, image: Image, found: list[Hypothesis]) -> Estimate:
-        """Return the mixture of hypotheses; `NoPose` where none fits."""
+    def _together(self, image: Image, found: list[Hypothesis], tracked: bool) -> Estimate:
+        """Return the mixture of hypotheses, with readings for a track; `NoPose` where none fits."""
         main, result, clear = found[0], found[0].frame, 1.0
         if len(found) > 1:
             result, shares = mixture(
@@ -309,20 +308,18 @@ class ImageFit:
         self._check(result)
         pose, rolls, near = result.pose[:5], result.pose[5:], None
         covariance: Array = result.covariance[:5, :5]
-        fitted, best, expected = len(main.kind.places), main.frame.best, image.expected
         if main.near:
             near, count = main.near, 5 + len(self._constants.names)
             near = near._replace(at=near.at[:count], slopes=near.slopes[:, :count])
-        elif expected:
-            constants = best[5:][main.kind.places], expected.mean[fitted:]
-            at = np.concatenate([best[:5], *constants])
+        elif tracked:
+            stds = np.array(self._constants.stds[len(main.kind.names) :])
+            at = np.concatenate([main.frame.best, np.zeros(len(stds))])
             near = self.near(image.readings, at, image.roll, main.frame.weights)
-            if len(expected.mean) > fitted and clear > 0:
-                # What the clear fit was given is not known exactly.
+            if len(stds) and clear > 0:
+                # A clear frame knows exactly what only many images tell, and that is not so.
                 prior = self._pose_precision, main.problem.nuisance_precision
-                slopes = near.pose_slopes(*prior, self._constants.gain_std)
-                spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
-                covariance = covariance + 0.5 * (spread + spread.T)
+                slopes = stds * near.pose_slopes(*prior, self._constants.gain_std)
+                covariance = covariance + clear * slopes @ slopes.T
         # A reading at full scale says only how little the light is at least, which is not linear.
         below = image.readings.max() < self._model.noise.high
         if near and not (clear > CLEAR and below and main.nearly_gaussian):

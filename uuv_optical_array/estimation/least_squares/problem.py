@@ -1,7 +1,7 @@
 """The posterior of one image over coordinates of the pose and the scene's nuisances."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -100,13 +100,11 @@ def problem_of(
     pose_mean: Array,
     pose_std: Array,
     stds: Mapping[str, float],
-    given: Sequence[str] = (),
 ) -> Problem:
     """Return the problem of a model's images, without readings.
 
     - pose_mean, pose_std: of the prior of the pose, m and rad, shape ``(5,)`` each.
     - stds: of the offset of each setting that is estimated along, by name; the mean is 0.
-    - given: backgrounds to be given levels, as `ForwardModel.optics` has them.
     """
     nuisance_std = np.array(list(stds.values()), dtype=float)
     count, lamps = math.prod(model.image_shape), model.scene.lamp_count
@@ -116,7 +114,7 @@ def problem_of(
             if name.startswith(of_lamp(i, "")):
                 spans[5 + q] = i * count // lamps, (i + 1) * count // lamps
     return Problem(
-        model.optics(tuple(stds), given),
+        model.optics(tuple(stds)),
         model.noise,
         frame_of(model),
         np.array(pose_mean, dtype=float),

@@ -69,7 +69,7 @@ from uuv_optical_array.estimation.tracking.track import (
     StampRefused,
     Track,
 )
-from uuv_optical_array.estimation.unknowns.constants import Constants, Expected, drift
+from uuv_optical_array.estimation.unknowns.constants import Constants, drift
 from uuv_optical_array.forward.prior import ROLL
 
 RATE_STD = np.array([0.5, 0.5, 0.5, 0.1, 0.1])  # m/s and rad/s, at the start of a track
@@ -229,7 +229,7 @@ class Tracker:
         if newest.frame.readings is None:
             root, share = newest.frame.root, self._correction.common_share(newest.frame)
             joint[POSE, POSE] += share * (root @ root.T)
-            if self._constants.uneven:
+            if not self._constants.names_shades:
                 self._residuals.add_light(stamp_ns, newest.frame.shaded > 0.5)
         elif newest.frame.relinearise and stamp_ns > self._tested_ns:
             way: Array = np.zeros(5)
@@ -257,19 +257,17 @@ class Tracker:
             belief.range,
         )
 
-    def expected(self, stamp_ns: int) -> Expected:
-        """Return what is known of a frame before its image: the prior of its fit.
+    def uneven(self, stamp_ns: int) -> float:
+        """Return how likely the image of a stamp, ns, is lit unevenly, by the newest of the track.
 
-        Of the constants that is what the scene says: what was learnt may no longer hold, and poses
-        of single images are not to err as the track does. Of the light it is how likely it still is
-        as uneven at the stamp, ns, as it was in the newest frame of the track.
+        That is all that a track tells of an image: constants that it learnt may no longer hold, and
+        poses of single images are not to err as the track does.
         """
         c, state = self._constants, self._history[-1][1] if self._history else self._previous
-        mean, covariance, usual = np.zeros(len(c.names)), np.diag(np.square(c.stds)), c.uneven
-        if state is None or not usual:
-            return Expected(mean, covariance, usual)
+        if state is None or not c.unclear_lasts_s:
+            return c.uneven
         decay = float(drift(c.unclear_lasts_s, (stamp_ns - state.frame.stamp_ns) * 1e-9))
-        return Expected(mean, covariance, usual + decay * (state.frame.shaded - usual))
+        return c.uneven + decay * (state.frame.shaded - c.uneven)
 
     def _turn(self, belief: Belief) -> Array | None:
         """Return the roll's covariance with the pose, and its variance, ``(6,)``, if it is one."""

@@ -1,7 +1,6 @@
 """What a scene does not know of its sea and a tracker can learn: constants of the day."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,18 +13,6 @@ from uuv_optical_array.forward.prior import shade_modes
 REST_OF_SHADE = 0.02  # by which a shade of the scene may still dim frames that pass for clear
 
 
-class Expected(NamedTuple):
-    """What is known of a frame before its image.
-
-    - mean, covariance: of the offsets of the q unknown constants, ``(q,)`` and ``(q, q)``.
-    - uneven: probability that it is one of the uneven frames of `Constants`; ``None``: their share.
-    """
-
-    mean: Array
-    covariance: Array
-    uneven: float | None = None
-
-
 @dataclass(frozen=True)
 class Constants:
     """Settings of the scene that are not known, and how far they may be off.
@@ -35,7 +22,8 @@ class Constants:
     - detectors, lamps: how many there are, and how many each reads.
     - frame: of `coordinates`; ``None``: only where the light is linear in pose and constants.
     - unclear_lasts_s: correlation time of light that is not clear, s; 0: it is always clear.
-    - uneven: share of frames that are lit unevenly in a way that the scene does not name.
+    - uneven: share of frames that are lit unevenly.
+    - names_shades: whether the scene names what does that, as a cloud; else it is unusual.
     """
 
     names: tuple[str, ...] = ()
@@ -46,11 +34,7 @@ class Constants:
     unclear_lasts_s: float = 0.0
     uneven: float = 0.0
     lamps: int = 1
-
-    @property
-    def names_shades(self) -> bool:
-        """Whether the scene names shades, which last for `unclear_lasts_s`."""
-        return self.unclear_lasts_s > 0 and not self.uneven
+    names_shades: bool = False
 
     @property
     def by_detector(self) -> Array:
@@ -70,7 +54,9 @@ class Constants:
 
 def constants_of(model: ForwardModel) -> Constants:
     """Return what the prior of a model's scene leaves unknown."""
-    prior, stds = model.scene.prior, model.scene.constants_std()
+    scene = model.scene
+    prior, stds = scene.prior, scene.constants_std()
+    clear, *_ = prior.lights(scene.daylight_scale_counts, len(scene.lamps))
     return Constants(
         tuple(stds),
         tuple(stds.values()),
@@ -78,8 +64,9 @@ def constants_of(model: ForwardModel) -> Constants:
         model.array.side**2,
         frame_of(model),
         prior.unclear_lasts_s,
-        prior.uneven_share,
-        model.scene.lamp_count,
+        1 - clear.share,
+        scene.lamp_count,
+        prior.shade_probability > 0,
     )
 
 

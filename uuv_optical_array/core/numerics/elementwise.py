@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 Law = TypeVar("Law", bound=Callable[..., Any])
+Arrays = TypeVar("Arrays")
 
 
 def law(function: Law) -> Law:
@@ -30,6 +31,15 @@ def exp(x: Any) -> Any:
 def expm1(x: Any) -> Any:
     """Return what `numpy.expm1` returns."""
     return np.expm1(x)
+
+
+def borrowed(arrays: Arrays) -> Arrays:
+    """Return a named tuple of arrays as it is, for as long as the caller keeps it.
+
+    Compiled code does not count references to such arrays, as it does else in each function that is
+    given them. None of them may be returned.
+    """
+    return arrays
 
 
 def indices(count: int) -> Iterable[Any]:

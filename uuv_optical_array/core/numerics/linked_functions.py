@@ -46,6 +46,14 @@ class _OuterLibrary(codegen.JITCodeLibrary):
         self._linking_libraries = list(needed)
         super().finalize()
 
+    def _optimize_final_module(self) -> None:
+        # A function that nobody else may call can lose arguments that it does not use.
+        for library in self._linking_libraries:
+            if isinstance(library, _InnerLibrary):
+                for function in library.get_defined_functions():
+                    self._final_module.get_function(function.name).linkage = "internal"
+        super()._optimize_final_module()
+
 
 def _collect(library: Any, needed: dict[Any, None]) -> None:
     for other in library._linking_libraries:

@@ -16,7 +16,7 @@ from uuv_optical_array.core.geometry import (
     write_lamp_slopes,
 )
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import zeros
+from uuv_optical_array.core.numerics.elementwise import borrowed, zeros
 from uuv_optical_array.core.numerics.linear_algebra import solve
 from uuv_optical_array.estimation.information.likelihood import likelihood_of
 from uuv_optical_array.forward.model import ForwardModel
@@ -113,7 +113,7 @@ class Lineariser:
 
 
 def write_linear(
-    optics: Optics,
+    given: Optics,
     noise: ReadingNoise,
     readings: Any,
     at: Any,
@@ -121,8 +121,8 @@ def write_linear(
     image: Any,
     likelihood: Any,
 ) -> None:
-    """Write light and likelihood at a place."""
-    nuisances = at[5:]
+    """Write light and likelihood at a place, by the optics that are given."""
+    optics, nuisances = borrowed(given), at[5:]
     lamp, slopes = lamp_in_body(at, roll), zeros(6, 5, at[0])
     write_lamp_slopes(at, roll, lamp, slopes)
     write_light(optics, lamp, slopes, (at[PITCH], at[YAW], roll), nuisances, image)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array
+from uuv_optical_array.core.numerics.elementwise import borrowed
 from uuv_optical_array.core.numerics.gauss_newton import first_damping
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.least_squares.faults import disbelieve
@@ -245,11 +246,13 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
     return wider
 
 
-def estimate_frame(problem: Problem, guide: Guide, doubting: bool) -> FrameResult:
+def estimate_frame(given: Problem, guide: Guide, doubting: bool) -> FrameResult:
     """Estimate the pose of one image.
 
+    - given: the posterior of the image.
     - doubting: whether readings may be anything; those of the problem, and weights, are written.
     """
+    problem = borrowed(given)
     nothing: Any = np.full(5, np.nan)
     covariance: Any = np.full((5, 5), np.nan)
     at = np.full(5 + len(problem.nuisance_mean), np.nan)
@@ -298,13 +301,14 @@ def estimate_frame(problem: Problem, guide: Guide, doubting: bool) -> FrameResul
         evidence,
         linear,
         coordinates,
-        problem.weights,
+        given.weights,
         wider,
     )
 
 
-def look(problem: Problem, at: Array) -> PosteriorMoments:
+def look(given: Problem, at: Array) -> PosteriorMoments:
     """Return the moments of a posterior that one linear step from a place, ``(p,)``, leads to."""
+    problem = borrowed(given)
     state = evaluate(problem, at)
     there, decrement = propose(problem, state, 0.0)
     moments = laplace(state)

@@ -14,20 +14,18 @@ GIVE_UP = 1e4  # damping beyond which no step gains
 
 
 @cache
-def stepper(
-    evaluate: Callable[..., Any], propose: Callable[..., Any], arrived: float
-) -> Callable[..., tuple[Any, Any]]:
+def stepper(evaluate: Callable[..., Any], arrived: float) -> Callable[..., tuple[Any, Any]]:
     """Return a function that takes one step of a `minimiser`, whose arguments these are.
 
-    - returned: ``step(problem, state, damping)``: what `evaluate` found at the better of both
-      places, and the next damping; 0: the step was the last.
+    - returned: ``step(problem, state, proposed, damping)``, by what `propose` returned: what
+      `evaluate` found at the better of both places, and the next damping; 0: it was the last step.
     """
 
-    def step(problem: Any, state: Any, damping: Any) -> tuple[Any, Any]:
+    def step(problem: Any, state: Any, proposed: Any, damping: Any) -> tuple[Any, Any]:
         active = damping > 0
-        trial, decrement = propose(problem, state, damping)
+        there, decrement = proposed
         last = (decrement < arrived) & (damping < FREE)
-        new = evaluate(problem, trial)
+        new = evaluate(problem, there)
         better = active & (new[0] < state[0]) & (new[0] > -np.inf)
         # Where the slope jumps, as where a detector turns away, a fit gains nothing either way.
         short = better & (new[0] > state[0] - arrived)
@@ -57,7 +55,7 @@ def minimiser(
     - returned: ``minimise(problem, start, steps=most)``: what `evaluate` found at the best place,
       the start itself where its cost is not finite. Such a place is never taken.
     """
-    step = stepper(evaluate, propose, arrived)
+    step = stepper(evaluate, arrived)
 
     def minimise(problem: Any, start: Any, steps: int = most) -> Any:
         state = evaluate(problem, start)
@@ -65,7 +63,7 @@ def minimiser(
         for _ in range(steps):
             if not any_of(damping > 0):
                 break
-            state, damping = step(problem, state, damping)
+            state, damping = step(problem, state, propose(problem, state, damping), damping)
         return state
 
     return minimise

@@ -97,14 +97,14 @@ class FrameResult(NamedTuple):
     wider: bool = False
 
 
-def is_near(parts: Array, known: Array) -> bool:
-    """Say whether a state is within `DISTINCT` standard deviations of a minimum, by their parts."""
-    size, distance = parts.shape[1], 0.0
-    for i in range(size):
+def is_near(at: Array, known: State) -> bool:
+    """Say whether coordinates are within `DISTINCT` standard deviations of a minimum."""
+    parts, distance = known.parts, 0.0
+    for i in range(len(at)):
         shared = 0.0
-        for j in range(size):
-            shared += known[INFORMATION + i, j] * (parts[AT, j] - known[AT, j])
-        distance += (parts[AT, i] - known[AT, i]) * shared
+        for j in range(len(at)):
+            shared += parts[INFORMATION + i, j] * (at[j] - parts[AT, j])
+        distance += (at[i] - parts[AT, i]) * shared
     return bool(distance < DISTINCT * DISTINCT)
 
 
@@ -113,7 +113,7 @@ def insert(minima: list[State], state: State) -> None:
     if not np.isfinite(state.cost):
         return
     for i in range(len(minima)):
-        if is_near(state.parts, minima[i].parts):
+        if is_near(state.parts[AT], minima[i]):
             if state.cost < minima[i].cost:
                 minima[i] = state
             break
@@ -131,12 +131,13 @@ def descend(problem: Problem, minima: list[State], start: Array, steps: int) -> 
     for k in range(steps):
         if k == LONG_STEPS:
             damping = first_damping(state)
-        for known in minima:
-            if known.cost <= state.cost and is_near(state.parts, known.parts):
-                return
         if damping == 0:
             break
-        state, damping = step(problem, state, damping)
+        proposed = propose(problem, state, damping)
+        for known in minima:
+            if known.cost <= state.cost and is_near(proposed[0], known):
+                return
+        state, damping = step(problem, state, proposed, damping)
     insert(minima, state)
 
 
@@ -246,13 +247,14 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
     return wider
 
 
-def estimate_frame(given: Problem, guide: Guide, doubting: bool) -> FrameResult:
+def estimate_frame(given: Problem, to_start: Guide, doubting: bool) -> FrameResult:
     """Estimate the pose of one image.
 
     - given: the posterior of the image.
+    - to_start: where to start.
     - doubting: whether readings may be anything; those of the problem, and weights, are written.
     """
-    problem = borrowed(given)
+    problem, guide = borrowed(given), borrowed(to_start)
     nothing: Any = np.full(5, np.nan)
     covariance: Any = np.full((5, 5), np.nan)
     at = np.full(5 + len(problem.nuisance_mean), np.nan)

@@ -277,7 +277,7 @@ def propose(problem: Problem, state: State, damping: float) -> tuple[Array, floa
 
 
 # Move coordinates, shape ``(p,)``, to where they are most probable nearby, and a step thither.
-step = stepper(evaluate, propose, ARRIVED)
+step = stepper(evaluate, ARRIVED)
 refine = minimiser(evaluate, propose, ARRIVED, MOST_STEPS)
 
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.numerics.elementwise import indices
 from uuv_optical_array.estimation.least_squares.problem import Problem
 from uuv_optical_array.estimation.least_squares.thinned import (
     kept_of,
@@ -144,7 +145,9 @@ def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
     """Return the rows of least chord to a direction, nearest first."""
     squares = np.zeros(units.shape[1])
     for k in range(len(unit)):
-        squares += (units[k] - unit[k]) ** 2
+        for j in indices(len(squares)):
+            off = units[k, j] - unit[k]
+            squares[j] += off * off
     rows, chords = np.zeros(count, dtype=np.int64), np.full(count, np.inf)
     for row in range(len(squares)):
         if squares[row] < chords[count - 1]:

@@ -1,14 +1,13 @@
 """What an image leaves of the pose: an estimate, and how far it can be trusted."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 
 
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(NamedTuple):
     """A pose and how far it can be trusted.
 
     - pose: ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.

@@ -8,7 +8,7 @@
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Literal, get_args
 
@@ -26,7 +26,7 @@ from uuv_optical_array.estimation.fit_compiler import fit_compiler
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.least_squares.frame import MOST_STARTS
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
-from uuv_optical_array.estimation.signature.features import no_pattern, scene_parameters
+from uuv_optical_array.estimation.signature.features import same_everywhere, scene_parameters
 from uuv_optical_array.estimation.signature.plausibility import (
     bounds,
     check_full_scale,
@@ -200,7 +200,7 @@ class Estimator:
         if self.scene.prior.aimed:
             return estimate
         covariance = estimate.covariance + self.aim_covariance(estimate.pose, roll)
-        return replace(estimate, covariance=covariance)
+        return estimate._replace(covariance=covariance)
 
     def aim_covariance(self, pose: Array, roll: float) -> Array:
         """Return the covariance of a pose by the aim of array and lamp, shape ``(5, 5)``."""
@@ -217,8 +217,6 @@ class Estimator:
         fits = self.settings.method == "least_squares"
         if parameters is None:
             readings = self._readings(image)
-            if not readings.max() > 0:
-                raise NoPose(f"no light: the brightest detector reads {readings.max():g}")
             if fits:
                 return self._fit(readings, roll, uneven)
             image = readings.reshape(self._model.image_shape)
@@ -246,18 +244,21 @@ class Estimator:
             raise NoPose(f"no image: of shape {shape}, not {wanted}")
 
     def _readings(self, image: ArrayLike | None) -> Array:
+        """Return what an image of the scene's array reads, shape ``(n,)``; else `NoPose`."""
         self.check_shape(image)
-        readings = np.array(image, dtype=float, order="C")
-        if not np.isfinite(readings).all():
+        readings = np.array(image, dtype=float, order="C").reshape(-1)
+        brightest, darkest = float(readings.max()), float(readings.min())
+        if not (math.isfinite(brightest) and math.isfinite(darkest)):
             raise NoPose("no image: nan or infinite readings")
-        check_full_scale(readings, self.scene)
+        check_full_scale(brightest, self.scene)
+        if not brightest > 0:
+            raise NoPose(f"no light: the brightest detector reads {brightest:g}")
+        if brightest == darkest:
+            raise NoPose(same_everywhere(brightest))
         noise = self._model.noise
-        if readings.max() > 0:
-            if reason := no_pattern(readings, 0.0):
-                raise NoPose(reason)
-            if not ((readings > noise.low) & (readings < noise.high)).any():
-                raise NoPose("no pattern: no detector reads more than darkness and less than full")
-        return readings.reshape(-1)
+        if brightest >= noise.high and not ((noise.low < readings) & (readings < noise.high)).any():
+            raise NoPose("no pattern: no detector reads more than darkness and less than full")
+        return readings
 
     def _match(self, vector: Array, roll: float) -> tuple[Estimate, NDArray[np.intp], Array]:
         """Estimate by the nearest rows of the table; return these too, nearest first, level."""
@@ -307,8 +308,7 @@ class Estimator:
         _, weighed_off, _ = dposv(match.covariance + fitted.covariance, off)
         excess = float(off @ weighed_off) / 5
         covariance = max(excess, 1.0) * match.covariance + fitted.covariance
-        return replace(
-            match,
+        return match._replace(
             covariance=0.5 * (covariance + covariance.T),
             misfit=fitted.misfit,
             runner_up_misfit=fitted.runner_up_misfit,

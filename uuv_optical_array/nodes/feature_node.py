@@ -78,7 +78,7 @@ class FeatureNode(Node):
 
     def key_parameters(self, image: Array) -> Array | None:
         """Return those of an image, shape ``(5,)``; ``None`` and a refusal without light."""
-        check_full_scale(image, self.scene)
+        check_full_scale(float(image.max()), self.scene)
         least = self.parameters["min_peak_counts"] + self.scene.black_counts
         if no_light := no_pattern(image, least):
             self.diagnostics.refuse(no_light)

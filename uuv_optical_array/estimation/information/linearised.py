@@ -83,8 +83,9 @@ class Lineariser:
         if compiled:
             count = math.prod(model.image_shape)
             image, likelihood = np.empty((1 + self._size, count)), np.empty((3, count))
-            arguments = self._optics, self._noise, np.zeros(count), np.zeros(self._size), 0.0
-            self._write = compilation.prepare(write_linear, *arguments, image, likelihood)
+            given = self._optics, self._noise, np.zeros(count), np.zeros(self._size), 0.0
+            ready = compilation.prepare(write_linear, *given, image, likelihood)
+            self._write = compilation.entry(ready, *given, image, likelihood)
 
     @np.errstate(under="ignore")  # of light too dim for a float64
     def __call__(self, readings: ArrayLike, at: ArrayLike, roll: float = 0.0) -> LinearisedReadings:

@@ -103,21 +103,21 @@ def expecting(kinds: list[FrameKind], uneven: float | None) -> list[FrameKind]:
     return [clear._replace(share=1 - share), *others]
 
 
-def mixture(frames: Sequence[FrameResult], evidence: Array) -> tuple[FrameResult, Array]:
+def mixture(
+    frames: Sequence[FrameResult], evidence: Sequence[float]
+) -> tuple[FrameResult, list[float]]:
     """Return what different kinds of frame make of one image together, and their probabilities."""
     fitted = [i for i, frame in enumerate(frames) if frame.outcome == FITTED]
-    shares = np.zeros(len(frames))
     if not fitted:
-        return frames[0], shares
+        return frames[0], [0.0] * len(frames)
     best = max(fitted, key=lambda i: evidence[i])
-    weights = np.exp(evidence[fitted] - evidence[best])
-    weights /= weights.sum()
-    poses = np.array([frames[i].pose for i in fitted])
-    pose = weights @ poses
-    off = poses - pose
-    covariance = (weights[:, None] * off).T @ off
-    for weight, i in zip(weights, fitted, strict=True):
-        covariance += weight * frames[i].covariance
-    shares[fitted] = weights
-    together = frames[best]._replace(pose=pose, covariance=0.5 * (covariance + covariance.T))
-    return together, shares
+    odds = {i: math.exp(evidence[i] - evidence[best]) for i in fitted}
+    whole = sum(odds.values())
+    shares = [odds.get(i, 0.0) / whole for i in range(len(frames))]
+    pose, covariance = np.zeros_like(frames[best].pose), np.zeros_like(frames[best].covariance)
+    for i in fitted:
+        pose += shares[i] * frames[i].pose
+    for i in fitted:
+        off = frames[i].pose - pose
+        covariance += shares[i] * (frames[i].covariance + off[:, None] * off)
+    return frames[best]._replace(pose=pose, covariance=covariance), shares

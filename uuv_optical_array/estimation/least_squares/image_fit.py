@@ -166,9 +166,12 @@ class ImageFit:
             features.prepare(model.array.side)
             joint_coordinates.prepare(constants)
             example = kinds[0].problem, self.guide, False
-            frame = compilation.prepare(estimate_frame, *example)
+            ready = compilation.prepare(estimate_frame, *example)
             at = np.zeros(5 + len(kinds[0].names))
-            self._look = compilation.prepare(look, kinds[0].problem, at)
+            beside = compilation.prepare(look, kinds[0].problem, at)
+            for kind in kinds:  # all of the same types
+                frame = compilation.entry(ready, kind.problem, self.guide, False)
+                self._look = compilation.entry(beside, kind.problem, at)
         self._kinds, self._linearise, self._frame, self._linear = kinds, lineariser, frame, linear
         self.compiled = compiled
 
@@ -298,13 +301,11 @@ class ImageFit:
         """Return the mixture of hypotheses, with readings for a track; `NoPose` where none fits."""
         main, result, clear = found[0], found[0].frame, 1.0
         if len(found) > 1:
-            result, shares = mixture(
-                [h.frame for h in found], np.array([h.log_evidence for h in found])
-            )
+            result, shares = mixture([h.frame for h in found], [h.log_evidence for h in found])
             # A frame with faulty detectors or a dark lamp is lit as the scene says, too.
             clears = [i for i, each in enumerate(found) if each.kind.names == main.kind.names]
             main = found[max(clears, key=lambda i: shares[i])]
-            clear = min(float(shares[clears].sum()), 1.0)
+            clear = min(sum(shares[i] for i in clears), 1.0)
         self._check(result)
         pose, rolls, near = result.pose[:5], result.pose[5:], None
         covariance: Array = result.covariance[:5, :5]
@@ -324,27 +325,34 @@ class ImageFit:
         below = image.readings.max() < self._model.noise.high
         if near and not (clear > CLEAR and below and main.nearly_gaussian):
             near = None
-        # Readings of the likeliest that are not believed: of a dark lamp, or of faulty detectors.
-        out = result.weights.reshape(self._model.scene.lamp_count, -1) < 0.5
-        dark = np.flatnonzero(out.all(axis=1)).tolist()
-        left_out = np.flatnonzero(out[[i for i in range(len(out)) if i not in dark]].any(axis=0))
+        dark, left_out = self._left_out(result.weights)
         return Estimate(
             pose,
             covariance,
             result.angle,
-            None if np.isnan(result.runner_up_score) else result.runner_up,
+            None if math.isnan(result.runner_up_score) else result.runner_up,
             result.runner_up_angle,
             float(ndtr(-result.score)),
             float(ndtr(-result.runner_up_score)),
             tuple(compress(DOF_NAMES, covariance.diagonal() > self._unobservable_variance)),
             near,
             clear,
-            tuple(divmod(it, self._model.array.side) for it in left_out.tolist()),
+            left_out,
             float(rolls[0]) if len(rolls) else 0.0,
             result.covariance[:, 5] if len(rolls) else None,
-            dark[0] if dark else None,
+            dark,
             main.frame.weights,
         )
+
+    def _left_out(self, weights: Array) -> tuple[int | None, tuple[tuple[int, int], ...]]:
+        """Return the lamp, and the detectors, whose readings are not believed."""
+        if not weights.min() < 0.5:
+            return None, ()
+        out = weights.reshape(self._model.scene.lamp_count, -1) < 0.5
+        dark = np.flatnonzero(out.all(axis=1)).tolist()
+        detectors = np.flatnonzero(out[[i for i in range(len(out)) if i not in dark]].any(axis=0))
+        places = (divmod(it, self._model.array.side) for it in detectors.tolist())
+        return dark[0] if dark else None, tuple(places)
 
     def near(self, readings: Array, at: Array, roll: float, weights: Array) -> LinearisedReadings:
         """Return readings linearised at a place, as far as they are believed."""

@@ -275,5 +275,10 @@ def no_pattern(image: Array, min_peak_counts: float) -> str | None:
     if brightest < min_peak_counts:
         return f"no light: the peak of {brightest:g} counts is below {min_peak_counts:g}"
     if brightest == darkest:
-        return f"no pattern: every detector reads {brightest:g} counts"
+        return same_everywhere(brightest)
     return None
+
+
+def same_everywhere(reading: float) -> str:
+    """Say that all detectors read the same, counts."""
+    return f"no pattern: every detector reads {reading:g} counts"

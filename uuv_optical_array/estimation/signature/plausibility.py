@@ -51,11 +51,11 @@ def check_parameters(parameters: Array, largest: Array) -> None:
             )
 
 
-def check_full_scale(image: Array, scene: Scene) -> None:
-    """Refuse an image with a reading that the array of a scene cannot give."""
-    if image.max() > scene.full_scale_counts:
+def check_full_scale(brightest: float, scene: Scene) -> None:
+    """Refuse an image whose brightest reading is one that the array of a scene cannot give."""
+    if brightest > scene.full_scale_counts:
         raise NoPose(
-            f"above full scale: {image.max():g} counts, but the scene reads at most "
+            f"above full scale: {brightest:g} counts, but the scene reads at most "
             f"{scene.full_scale_counts:g}"
         )
 

@@ -66,7 +66,7 @@ def test_the_problem_of_few_readings_is_that_of_all_without_the_others():
     model = of_side(21, "leading_lights")
     fit = Estimator(model.scene, compiled=False)._fit
     readings = model.expose(POSE, np.random.default_rng(2)).ravel()
-    problem = Image(readings, 0.1, None).problem(fit._kinds[-1])
+    problem = Image(readings, 0.1).problem(fit._kinds[-1])
     few, at = thinned(problem, fit.guide.readings, fit.guide.blur), start_at(problem, POSE)
     weights = np.zeros_like(readings)
     weights[fit.guide.readings] = 1
@@ -87,7 +87,7 @@ def test_starts_of_a_large_array_are_compared_by_few_detectors_whose_light_they_
     few = images.reshape(3, -1)[:, guide.readings]
     np.testing.assert_allclose(guide.roots[:, chosen].T ** 2, few, atol=1e-9)
     # The signature of an image is that of its start.
-    of_start = Image(images[0].ravel(), 0.0, None).problem(
+    of_start = Image(images[0].ravel(), 0.0).problem(
         Estimator(model.scene, compiled=False)._fit._kinds[0]
     )
     np.testing.assert_allclose(direction(of_start, guide), guide.units[:, 0], atol=1e-12)
@@ -114,7 +114,7 @@ def test_a_fit_of_a_large_array_ends_where_all_of_its_readings_have_their_minimu
 def test_a_narrow_valley_that_bends_is_followed_in_few_steps(monkeypatch, sign):
     model, pose = of_side(51), np.array([-6.3, 0.59, -0.16, 0.03, -0.33])
     fit = Estimator(model.scene, compiled=False)._fit
-    problem = Image(model.light(pose).ravel(), 0.0, None).problem(fit._kinds[0])
+    problem = Image(model.light(pose).ravel(), 0.0).problem(fit._kinds[0])
     truth = start_at(problem, pose)  # where light without noise has its minimum
     state = evaluate(problem, truth)
     scale = np.outer(problem.reach, problem.reach)
@@ -145,7 +145,7 @@ def test_a_step_that_ends_beside_a_bent_valley_is_not_taken_back_at_once(monkeyp
 
     monkeypatch.setattr(problem_module, "likelihood_of", likelihood_of)
     for image, pose in zip(model.expose(poses, rng, offsets=seas), poses, strict=True):
-        problem = Image(image.ravel(), 0.0, None).problem(fit._kinds[0])
+        problem = Image(image.ravel(), 0.0).problem(fit._kinds[0])
         few = thinned(problem, fit.guide.readings, fit.guide.blur)
         start = refine(few, start_at(few, pose)).parts[AT]
         calls.clear()

@@ -99,7 +99,7 @@ def test_a_fit_of_a_large_array_ends_where_all_of_its_readings_have_their_minimu
     fit = Estimator(model.scene, compiled=False)._fit
     stds = model.scene.prior.nuisance_std()
     sea = {name: std * rng.standard_normal() for name, std in stds.items()}
-    image = Image(model.expose(POSE, rng, offsets=sea).ravel(), 0.0, None)
+    image = Image(model.expose(POSE, rng, offsets=sea).ravel(), 0.0)
     problem = image.problem(fit._kinds[0])
     found = fit._frame(problem, fit.guide, 0).best
     best = evaluate(problem, np.append(start_at(problem, found[:5])[:5], found[5:]))

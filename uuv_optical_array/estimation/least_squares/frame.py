@@ -63,6 +63,10 @@ LONG_STEPS = 2
 FOLLOWED = 16
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
+# How a frame is estimated: from the guide's starts, all readings believed or each as it deserves;
+# or by one linear step.
+BELIEVED, DOUBTED, ONE_STEP = range(3)
+NOWHERE: Array = np.empty(0)
 
 
 class FrameResult(NamedTuple):
@@ -247,14 +251,18 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
     return wider
 
 
-def estimate_frame(given: Problem, to_start: Guide, doubting: bool) -> FrameResult:
+def estimate_frame(given: Problem, to_start: Guide, way: int, place: Array) -> FrameResult:
     """Estimate the pose of one image.
 
     - given: the posterior of the image.
     - to_start: where to start.
-    - doubting: whether readings may be anything; those of the problem, and weights, are written.
+    - way: `BELIEVED`; `DOUBTED`: readings may be anything, and those of the problem, and weights,
+      are written; `ONE_STEP`: what one linear step from a place leads to, by its Gaussian.
+    - place: coordinates and nuisances, shape ``(p,)``, or `NOWHERE`.
     """
     problem, guide = borrowed(given), borrowed(to_start)
+    if way == ONE_STEP:
+        return one_step(problem, place, given.weights)
     nothing: Any = np.full(5, np.nan)
     covariance: Any = np.full((5, 5), np.nan)
     at = np.full(5 + len(problem.nuisance_mean), np.nan)
@@ -262,12 +270,12 @@ def estimate_frame(given: Problem, to_start: Guide, doubting: bool) -> FrameResu
     outcome, pose, evidence, linear, log_faulty = NO_START, nothing, -np.inf, -np.inf, 0.0
     runner_up, runner_up_score, wider = nothing, np.nan, False
     there: Any = at
-    if doubting:
+    if way == DOUBTED:
         there, log_faulty = disbelieve(problem, guide)
     unit = direction(problem, guide)
     nearest, chords = nearest_rows(guide.units, unit, max(guide.candidates, 2))
     angle, second_angle = 2 * np.arcsin(np.minimum(0.5 * chords[:2], 1.0))
-    if doubting:
+    if way == DOUBTED:
         minima, score = minimum_from(problem, there)
     else:
         minima, score = find_minima(problem, guide, unit, nearest)
@@ -308,18 +316,32 @@ def estimate_frame(given: Problem, to_start: Guide, doubting: bool) -> FrameResu
     )
 
 
-def look(given: Problem, at: Array) -> PosteriorMoments:
-    """Return the moments of a posterior that one linear step from a place, ``(p,)``, leads to."""
-    problem = borrowed(given)
+def one_step(problem: Problem, at: Array, weights: Array) -> FrameResult:
+    """Return the Gaussian that one linear step from a place, ``(p,)``, leads to, as a frame."""
     state = evaluate(problem, at)
     there, decrement = propose(problem, state, 0.0)
     moments = laplace(state)
     _, pose, _ = to_lamp(problem.frame, there, problem.roll)
-    mean = np.empty(5)
+    best, mean = there.copy(), np.empty(5)
     for i in range(5):
-        mean[i] = pose[i]
-    log_weight = moments.log_weight + decrement + log_density(problem)
-    return PosteriorMoments(log_weight, mean, moments.covariance, 0)
+        best[i] = mean[i] = pose[i]
+    log_evidence = moments.log_weight + decrement + log_density(problem)
+    return FrameResult(
+        FITTED,
+        mean,
+        moments.covariance,
+        np.nan,
+        np.full(5, np.nan),
+        np.nan,
+        np.nan,
+        np.nan,
+        best,
+        log_evidence,
+        log_evidence,
+        there[:5].copy(),
+        weights,
+        False,
+    )
 
 
 def log_density(problem: Problem) -> float:

@@ -27,12 +27,15 @@ from uuv_optical_array.estimation.estimate import Estimate
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
 from uuv_optical_array.estimation.least_squares.faults import most_faulty
 from uuv_optical_array.estimation.least_squares.frame import (
+    BELIEVED,
+    DOUBTED,
     FITTED,
     MISFIT,
     NO_START,
+    NOWHERE,
+    ONE_STEP,
     FrameResult,
     estimate_frame,
-    look,
 )
 from uuv_optical_array.estimation.least_squares.frame_kinds import (
     FrameKind,
@@ -41,7 +44,6 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import (
     mixture,
 )
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
-from uuv_optical_array.estimation.least_squares.posterior import PosteriorMoments
 from uuv_optical_array.estimation.least_squares.problem import STEEPEST, UNUSUAL, Problem
 from uuv_optical_array.estimation.least_squares.starts import Guide, guide_of
 from uuv_optical_array.estimation.signature import features
@@ -59,7 +61,7 @@ UNOBSERVABLE = 0.5
 # its mean (0.1 near by, 1 from afar or of a planar array), and its range known to this share.
 BENT, FAR = 0.5, 0.06
 # Score from which detectors may be faulty: of one valid image of two hundred.
-DOUBTED = 2.576
+DOUBTFUL = 2.576
 # Score up to which what is not clear has to fit: that of one image of fifty, or of a thousand by
 # several lamps, whose readings are enough to tell.
 MENDED, MENDED_BY_SEVERAL = 2.054, UNUSUAL
@@ -161,17 +163,13 @@ class ImageFit:
         if model.scene.lamps:
             linear = LinearModel(model, kinds, constants.names, self._pose_precision, compiled)
         frame: Callable[..., FrameResult] = estimate_frame
-        self._look: Callable[..., PosteriorMoments] = look
         if compiled:
             features.prepare(model.array.side)
             joint_coordinates.prepare(constants)
-            example = kinds[0].problem, self.guide, False
-            ready = compilation.prepare(estimate_frame, *example)
-            at = np.zeros(5 + len(kinds[0].names))
-            beside = compilation.prepare(look, kinds[0].problem, at)
-            for kind in kinds:  # all of the same types
-                frame = compilation.entry(ready, kind.problem, self.guide, False)
-                self._look = compilation.entry(beside, kind.problem, at)
+            example = self.guide, BELIEVED, NOWHERE
+            ready = compilation.prepare(estimate_frame, kinds[0].problem, *example)
+            for kind in kinds:  # all are of the same types
+                frame = compilation.entry(ready, kind.problem, *example)
         self._kinds, self._linearise, self._frame, self._linear = kinds, lineariser, frame, linear
         self.compiled = compiled
 
@@ -207,7 +205,7 @@ class ImageFit:
         if dark and clear.frame.outcome != FITTED:
             return found
         start = guide
-        if faults and clear.frame.score > DOUBTED:
+        if faults and clear.frame.score > DOUBTFUL:
             mended = self._mended(image, kinds[0])
             found.append(mended)
             if mended.frame.outcome == FITTED:
@@ -222,9 +220,9 @@ class ImageFit:
         return found
 
     def _hypothesis(
-        self, kind: FrameKind, problem: Problem, guide: Guide, doubting: bool = False
+        self, kind: FrameKind, problem: Problem, guide: Guide, way: int = BELIEVED
     ) -> Hypothesis:
-        frame, near = self._frame(problem, guide, doubting), None
+        frame, near = self._frame(problem, guide, way, NOWHERE), None
         if self._linear:
             frame, near = self._linear.about(kind, problem, frame)
         if kind.doubt != 1:
@@ -243,17 +241,15 @@ class ImageFit:
         """
         problem, at = image.problem(kind), np.zeros(5 + len(kind.names))
         at[:5], at[5 + kind.shared] = clear.frame.coordinates, clear.frame.best[5:]
-        moments = self._look(problem, at)
+        near = self._frame(problem, self.guide, ONE_STEP, at)
         log_odds = math.log(kind.share / clear.kind.share)
-        log_odds += moments.log_weight - clear.frame.linear_log_evidence
+        log_odds += near.log_evidence - clear.frame.linear_log_evidence
         if not log_odds > LOG_CONSIDERED:
             return None
         if log_odds > LOG_LIKELY or self._linear:
             return self._uneven(kind, problem, self._from(clear.frame.best[:5], image.roll))
-        odds = moments.log_weight + clear.frame.log_evidence - clear.frame.linear_log_evidence
-        frame = clear.frame._replace(
-            pose=moments.mean, covariance=moments.covariance, log_evidence=odds
-        )
+        odds = near.log_evidence + clear.frame.log_evidence - clear.frame.linear_log_evidence
+        frame = clear.frame._replace(pose=near.pose, covariance=near.covariance, log_evidence=odds)
         return Hypothesis(kind, problem, frame, None)
 
     def _mended(self, image: Image, kind: FrameKind) -> Hypothesis:
@@ -261,7 +257,7 @@ class ImageFit:
         problem = image.problem(kind)
         most, readings = most_faulty(problem), problem.readings.copy()
         problem = problem._replace(readings=readings, weights=np.ones(len(readings)))
-        found = self._hypothesis(kind, problem, self.guide, doubting=True)
+        found = self._hypothesis(kind, problem, self.guide, DOUBTED)
         few = np.count_nonzero(found.frame.weights < 0.5) <= most * self._model.scene.lamp_count
         return found if few and self._fits(found) else found.refused
 

@@ -5,6 +5,7 @@ import pytest
 from followers import PUBLISHED, SLEW, TICK_S, command_at, follow, steady, under_way
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
@@ -132,6 +133,36 @@ def test_nor_does_a_sideways_one_but_it_backs_off(round_beam, turned):
             controller.update(tick * 0.1, [*place, *turned], np.eye(5) * 0.4**2, np.zeros(5))
             command = command_at(controller, tick * 0.1)
         assert sign * to_beacon.apply(command[:3]) @ place / 4.0 > 0.02
+
+
+@given(
+    st.tuples(st.floats(0.2, 1.4), st.floats(-1, 1), st.floats(-1, 1)),
+    st.floats(0, 2 * np.pi),
+    st.floats(-0.5, 0.5),
+)
+def test_of_all_that_keep_the_distance_the_velocity_is_the_nearest_to_that_wanted(wanted, way, up):
+    """Held to a solver of quadratic problems; beside the lamp what leads past it is kept whole."""
+    away = np.array([np.cos(way) * np.cos(up), np.sin(way) * np.cos(up), np.sin(up)])
+    most = np.array([1.4, 1.0, 1.0])
+    s = FormationSettings(min_distance_m=2.0)
+    controller = FormationController(s)
+    kept = controller._kept_off(np.array(wanted), 2.5, away, 0.0, 1.0)
+    allowed = 0.5 / (s.light_timeout_s + s.stop_time_s / 2)
+    best = minimize(
+        lambda velocity: np.square(velocity - wanted).sum(),
+        np.clip(0.5 * away, -most, most),
+        jac=lambda velocity: 2 * (velocity - wanted),
+        bounds=list(zip(-most, most, strict=True)),
+        constraints={
+            "type": "ineq",
+            "fun": lambda velocity: allowed + away @ velocity,
+            "jac": lambda _: away,
+        },
+        method="SLSQP",
+        options={"ftol": 1e-12},
+    )
+    assert best.success
+    np.testing.assert_allclose(kept, best.x, atol=1e-5)
 
 
 def test_too_near_it_backs_off_until_it_is_not():

@@ -48,8 +48,8 @@ from uuv_optical_array.estimation.tracking.motion import OwnMotion, checked_rate
 STATION = Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
 RANGE_STDS = 3.0  # how far a range may err, in standard deviations
 MOST_UNCERTAIN = 0.5  # of a range, that it may err and still steer
-# By how much the bow turns at most from the heading that is wanted, while the array sees the lamp,
-# rad, and how much sooner than to another heading.
+# How far off the lamp the bow turns at most into the way, so that the array sees the lamp, rad, and
+# how much sooner than to another heading.
 CRAB_RAD, CRAB_GAIN = 0.7, 2.0
 MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 
@@ -294,7 +294,9 @@ class FormationController:
         error, speed, to_body, lamps = aim
         wanted = self._gain * error + speed
         wanted[:3] = to_body @ wanted[:3]
-        wanted[YAW] += CRAB_GAIN * self._gain[YAW] * self._crab(wanted[:2], float(error[YAW]))
+        crab = self._crab(wanted[:2], -lamps[0].away, float(error[YAW])) if lamps else 0.0
+        if crab:
+            wanted[YAW] = CRAB_GAIN * self._gain[YAW] * (error[YAW] + crab) + speed[YAW]
         wanted = np.clip(wanted, -self._max_rate, self._max_rate)
         change = (wanted - self._rate) * min(elapsed_s / self._settings.smoothing_s, 1.0)
         slew = self._max_slew * elapsed_s
@@ -303,20 +305,21 @@ class FormationController:
             rate[:3] = self._kept_off(rate[:3], *lamp, float(slew[0]))
         return rate
 
-    def _crab(self, velocity: Array, turn: float) -> float:
+    def _crab(self, velocity: Array, to_lamp: Array, turn: float) -> float:
         """Return by how much to turn the bow into a wanted velocity that is faster than the sway.
 
-        - velocity: surge and sway, m/s, ``(2,)``; turn: to the heading that is wanted, rad.
+        - velocity: surge and sway, m/s, ``(2,)``; to_lamp: ``(3,)``; both as the bow is now.
+        - turn: to the heading that is wanted, rad.
+        - returned: from that heading, rad; 0 where no turn that keeps the lamp in sight helps.
         """
-        speed = math.hypot(*velocity)
-        most = self._settings.max_sway_m_per_s
-        if speed <= most:
-            return 0.0
+        speed, most = math.hypot(*velocity), self._settings.max_sway_m_per_s
         way = math.remainder(math.atan2(velocity[1], velocity[0]) - turn, 2 * math.pi)
-        beyond = abs(way) - math.asin(most / speed)
-        if beyond <= 0 or abs(way) > math.pi / 2:
+        if speed * abs(math.sin(way)) <= most:
             return 0.0
-        return math.copysign(min(beyond, CRAB_RAD), way)
+        lamp = math.remainder(math.atan2(to_lamp[1], to_lamp[0]) - turn, 2 * math.pi)
+        crab = math.copysign(abs(way) - math.asin(most / speed), way)
+        crab = min(max(crab, min(lamp - CRAB_RAD, 0.0)), max(lamp + CRAB_RAD, 0.0))
+        return crab if abs(math.sin(way - crab)) < abs(math.sin(way)) else 0.0
 
     def _kept_off(
         self, velocity: Array, nearest_m: float, away: Array, drift: float, slew: float
@@ -344,9 +347,15 @@ class FormationController:
         closing = -float(away @ velocity)
         if closing <= allowed:
             return velocity
-        # The limits are convex: what lies between two velocities within them is so, too.
-        share = (closing - allowed) / (closing + fastest)
-        return velocity + share * (fastest * away - velocity)
+        # Within a box and on one side of a plane the nearest is off by some multiple of the plane's
+        # normal, cut to the box. Closing in is linear in it but where an axis reaches its limit.
+        most = self._max_rate[:3]
+        of = np.abs(away) > 1e-9
+        shifts = np.append(0.0, (np.copysign(most, away) - velocity)[of] / away[of])
+        shifts = np.sort(np.maximum(shifts, 0.0))
+        cut = np.clip(velocity + shifts[:, None] * away, -most, most)
+        shift = np.interp(-allowed, cut @ away, shifts)
+        return np.asarray(np.clip(velocity + shift * away, -most, most))
 
 
 def bow_to(way: Array) -> tuple[float, float]:

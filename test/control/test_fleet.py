@@ -18,7 +18,7 @@ from uuv_optical_array.forward.others import Other, sight
 from uuv_optical_array.forward.scene import load_scene
 
 # How far a follower may be off its station: one that sees the leader, and one that sees another.
-STATION_ERROR_M, CHAINED_ERROR_M = 0.5, 1.5
+STATION_ERROR_M, CHAINED_ERROR_M = 0.5, 1.0
 
 
 def places(fleet):

@@ -2,11 +2,12 @@
 
 A follower sees only the lamp ahead of it, and the formation law keeps its distance to that alone.
 Stations keep followers apart: by `MIN_SEPARATION_M` and by how far every follower between them may
-be off its own: 0.5 m where it sees the leader, 1.5 m where it sees another. That is no guarantee: a
+be off its own: 0.5 m where it sees the leader, 1 m where it sees another. That is no guarantee: a
 follower that lost its light and stopped is farther off.
 
-A station swings sideways by its distance to the leader times the leader's turn rate. A second link
-of a chain is as far behind as the law's fastest sway can follow, so there is no third.
+A station swings sideways by its distance to the leader times the leader's turn rate, and at first
+its follower lags. The second link of a chain is near the beam's axis, so that it stays in the beam
+meanwhile, and as far behind as the law's fastest sway can follow, so that there is no third.
 """
 
 from collections.abc import Iterable
@@ -19,7 +20,7 @@ LEADER = "leader/odometry"  # topic of the leader's odometry
 MIN_SEPARATION_M = 1.0  # between the centres of two vehicles, each some half a metre long
 # One image of the scene `formation` gives the range to 0.2 m at the first two, not at the third.
 FIRST_M: Place = (-5.0, 1.0, 0.0)  # of the first follower on the port arm of a V
-SECOND_M: Place = (-4.5, 1.5, 0.0)  # of the second, seen from the first
+SECOND_M: Place = (-3.5, 1.0, 0.0)  # of the second, seen from the first
 TAIL_M: Place = (-7.0, 0.0, 0.0)  # of a third follower that sees the leader
 MOST = 4  # followers in a V
 MOST_BY_LEADER = 3

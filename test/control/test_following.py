@@ -256,6 +256,20 @@ def test_a_lamp_that_jumps_is_not_followed_while_the_leader_cannot_be_there(asid
         np.testing.assert_allclose(pursuit.twist, without.twist, atol=1e-12)
 
 
+def test_a_leader_that_backs_up_hard_in_the_light_is_followed_all_the_way():
+    """Brakes from 0.5 m/s and goes astern at 1 m/s within a second: no jump, and no other lamp."""
+    pursuit = Pursuit().run(LIT_S)
+    farthest = 0.0
+    for tick in range(round(12 / TICK_S)):
+        pursuit.speed = np.array([max(0.5 - 1.5 * tick * TICK_S, -1.0), 0.0, 0.0])
+        pursuit.step()
+        farthest = max(farthest, pursuit.off_station())
+        assert pursuit.refused is None
+        assert pursuit.state == "locked"
+    assert farthest < 1.5  # of 4.5 m
+    assert pursuit.off_station() < 0.2
+
+
 @pytest.mark.parametrize(("share", "taken"), [(0.5, True), (2.5, False)])
 def test_a_lamp_where_the_leader_cannot_be_by_now_is_another_one(share, taken):
     """Aside of a leader that goes straight on, and may have turned or sped up since."""

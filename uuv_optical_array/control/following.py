@@ -26,6 +26,7 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import chdtri
 
 from uuv_optical_array.control.darkness import Darkness, SearchSettings, Seen
 from uuv_optical_array.control.formation import (
@@ -33,7 +34,7 @@ from uuv_optical_array.control.formation import (
     FormationSettings,
     nanoseconds,
 )
-from uuv_optical_array.control.leader_motion import Glow, LeaderMotion
+from uuv_optical_array.control.leader_motion import CHANCE, Glow, LeaderMotion
 from uuv_optical_array.control.told_motion import Message
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
@@ -181,12 +182,17 @@ class Following:
             self._dark = None
 
     def _check(self, stamp_s: float, pose: Array, covariance: Array) -> None:
-        """Raise Outlier for a pose beyond the minimum distance that cannot be the leader's."""
+        """Raise Outlier for a pose beyond the minimum distance that cannot be the leader's.
+
+        Whatever the leader does, a lamp that goes on from the last pose is its own.
+        """
         last, far = self._law.last, np.linalg.norm(pose[:3]) > self._settings.min_distance_m
         if self._seen is None or last is None or stamp_s * 1e9 <= last.stamp_ns or not far:
             return
         self._seen.motion.advance(stamp_s, self._own_twist(stamp_s))
-        self._seen.motion.check(pose, covariance)
+        off = self._law.off(stamp_s, pose)[:3]
+        if off @ np.linalg.solve(2 * covariance[:3, :3], off) > chdtri(3, CHANCE):
+            self._seen.motion.check(pose, covariance)
 
     def _note_seen(self, stamp_s: float, pose: Array, covariance: Array) -> None:
         """Let a pose tell of the leader's motion, and of how bright its lamp is.

@@ -247,6 +247,12 @@ class FormationController:
         """The pose that steered last."""
         return self._track
 
+    def off(self, stamp_s: float, pose: Array) -> Array:
+        """Return how far a pose is from where the last one that steered leads by then, ``(5,)``."""
+        if self._track is None:
+            raise ValueError("off: no pose has steered yet")
+        return pose - self._predicted(self._track, nanoseconds("stamp_s", stamp_s))
+
     def drive(self, now_s: float, aim: Aim) -> tuple[Array, Array]:
         """Return the twist to command at the present, s, within all limits, as `command` does."""
         now_ns = nanoseconds("now_s", now_s)

@@ -7,7 +7,11 @@ import pytest
 from scenes import squared_error
 from tracks import NOISE, START_NS, STATION, STD, TENTH_NS
 
-from uuv_optical_array.estimation.tracking.correction import CORRELATED_FRAMES, SHADE_SHARE
+from uuv_optical_array.estimation.tracking.correction import (
+    CORRELATED_FRAMES,
+    SHADE_SHARE,
+    UNNAMED_DOUBT,
+)
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -52,11 +56,14 @@ def test_what_a_shade_does_to_two_frames_is_one_error(names):
     np.testing.assert_allclose(track.covariance, lasts + new, 1e-3, 1e-9)
 
 
-def test_a_clear_frame_outweighs_a_shaded_one_by_all_that_the_shade_may_do():
-    tracker = Tracker(TrackerSettings(common_share=0.0), constants=Constants(unclear_lasts_s=1e6))
+@pytest.mark.parametrize(("uneven", "doubt"), [(0.0, 1.0), (0.02, UNNAMED_DOUBT)])
+def test_a_clear_frame_outweighs_a_shaded_one_more_where_no_shade_is_named(uneven, doubt):
+    constants = Constants(unclear_lasts_s=1e6, uneven=uneven)
+    tracker = Tracker(TrackerSettings(common_share=0.0), constants=constants)
     tracker.update(START_NS, STATION, NOISE, shaded=1.0)
     track = tracker.update(START_NS + 1000, STATION, NOISE)
-    shaded = SHADE_SHARE * NOISE + CORRELATED_FRAMES * (NOISE - SHADE_SHARE * NOISE)
+    lasts = SHADE_SHARE * NOISE
+    shaded = doubt**2 * (lasts + CORRELATED_FRAMES * (NOISE - lasts))
     best = np.linalg.inv(np.linalg.inv(shaded) + np.linalg.inv(NOISE))
     np.testing.assert_allclose(track.covariance, best, 1e-3, 1e-9)
 

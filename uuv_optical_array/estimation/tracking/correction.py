@@ -38,6 +38,9 @@ from uuv_optical_array.forward.prior import shade_doubt
 SHADE_SHARE = 0.9 / shade_doubt(1)
 # The white rest is alike in consecutive frames: this many count as one.
 CORRELATED_FRAMES = 7.0
+# Where a scene names no shades, uneven light may be anything, such as another lamp that crosses the
+# view, and its poses err by this many times what they would in a smooth shade.
+UNNAMED_DOUBT = 2.0
 # Where constants are not known, what makes poses without readings broad is mostly the constants and
 # the shape of their posterior, not noise, and that is the same in all frames.
 BROAD_SHARE = 0.75
@@ -122,6 +125,8 @@ class Correction:
         if shades.stop > shades.start:
             share = SHADE_SHARE * frame.shaded
             white = (1 - share) * (1 + (CORRELATED_FRAMES - 1) * frame.shaded)
+            if not self._constants.names_shades:
+                root = (1 + (UNNAMED_DOUBT - 1) * frame.shaded) * root
             by_biases[:, shades], root = math.sqrt(share) * root, math.sqrt(white) * root
         return root, by_biases
 

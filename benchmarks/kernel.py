@@ -39,6 +39,31 @@ def without_polynomials() -> None:
     INSTEAD[elementwise.exp], INSTEAD[elementwise.expm1] = np.exp, np.expm1
 
 
+def without_stack() -> None:
+    """Allocate every array."""
+    from uuv_optical_array.core.numerics.compiled_math import INSTEAD, inlined
+
+    INSTEAD[elementwise.workspace] = inlined(lambda rows, _, count: np.empty((rows, count)))
+    INSTEAD[elementwise.zeros] = inlined(lambda rows, columns, _: np.zeros((rows, columns)))
+
+
+def without_borrowing() -> None:
+    """Count references to the arrays of a frame in each function."""
+    from uuv_optical_array.core.numerics.compiled_math import INSTEAD, one_value
+
+    INSTEAD[elementwise.borrowed] = one_value
+
+
+def without_privacy() -> None:
+    """Let the compiler believe that others call inner functions, too."""
+    del linked_functions._OuterLibrary._optimize_final_module
+
+
+def without_entry() -> None:
+    """Look up the types of all arguments at each call."""
+    compilation.entry = lambda ready, *_: ready  # type: ignore[assignment]
+
+
 def with_options(**changed: Any) -> Callable[[], None]:
     """Return what changes options of functions; ``None``: the option is not given."""
 
@@ -56,6 +81,10 @@ def with_options(**changed: Any) -> Callable[[], None]:
 
 WITHOUT: dict[str, Callable[[], None]] = {
     "linked functions": without_linking,
+    "private functions": without_privacy,
+    "borrowed arrays": without_borrowing,
+    "memory on the stack": without_stack,
+    "types looked up once": without_entry,
     "exp and expm1": without_polynomials,
     "laws inlined": with_options(forceinline=None),
     "fastmath": with_options(fastmath=False),

@@ -1,5 +1,8 @@
 """What serves numbers and arrays alike: each helper in NumPy, and the same source compiled."""
 
+import os
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from command_line import python
@@ -7,7 +10,7 @@ from needs import numba
 from scipy.special import erfcx, log_ndtr, ndtr
 
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import exp, expm1, workspace, zeros
+from uuv_optical_array.core.numerics.elementwise import borrowed, exp, expm1, workspace, zeros
 
 both = pytest.mark.parametrize("fast", [False, pytest.param(True, marks=numba)], ids=str)
 
@@ -38,6 +41,55 @@ def test_arrays_small_or_large_are_their_own(fast):
     call = as_given(sums_of_arrays, fast)
     for count in (0, 1, 600, 1_000_000, 1, 0):  # the largest is more than a stack
         assert call(count) == (3 * count, 6 * count, 0)
+
+
+class Pair(NamedTuple):
+    numbers: np.ndarray
+    nested: tuple
+    half: float
+
+
+def sum_of_borrowed(pair):
+    kept = borrowed(pair)
+    kept.numbers[0] += 1  # they are the same arrays
+    return kept.numbers.sum() + kept.nested[0].sum() + kept.half
+
+
+@both
+def test_borrowed_arrays_are_those_that_were_given(fast):
+    pair = Pair(np.arange(3.0), (np.ones((2, 2)),), 0.5)
+    assert as_given(sum_of_borrowed, fast)(pair) == 8.5
+    assert pair.numbers[0] == 1
+
+
+FRAMES = """
+import numpy as np
+from numba.core.runtime import rtsys
+from uuv_optical_array import Estimator, ForwardModel, NoPose, load_scene
+scene = load_scene("follow")
+model, estimator = ForwardModel(scene), Estimator(scene, compiled=True)
+rng = np.random.default_rng(1)
+images = model.expose(np.tile([-5.0, 0.4, 0.2, 0.05, 0.1], (20, 1)), rng)
+images[:, 0, 0] = 0.0  # some get no pose
+for _ in range(2):
+    for image in images:
+        try:
+            estimator.estimate(image)
+        except NoPose:
+            pass
+    stats = rtsys.get_allocation_stats()
+    print(stats.alloc, stats.alloc - stats.free)
+"""
+
+
+@numba
+def test_compiled_frames_give_back_what_they_allocate(compiled_fit):
+    first, second = (
+        [int(number) for number in line.split()]
+        for line in python(FRAMES, env={**os.environ, "NUMBA_NRT_STATS": "1"}).stdout.splitlines()
+    )
+    assert second[0] > first[0]
+    assert second[1] == first[1]
 
 
 def spaced(low, high, count=20_000):

@@ -6,7 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from uuv_optical_array.calibration.likelihood import CalibrationLikelihood, CalibrationState
+from uuv_optical_array.calibration.likelihood import (
+    UNKNOWN_STD,
+    CalibrationLikelihood,
+    CalibrationState,
+)
 from uuv_optical_array.core.geometry import Array
 
 
@@ -86,6 +90,8 @@ def agreement_of(
         # Shifts are residuals too, of poses that were recorded with this error.
         seen = np.unique(likelihood.places[uncensored.any(axis=1)])
         total += float(((state.at.shifts[seen] / likelihood.pose_std[seen]) ** 2).sum())
+        # What was not known of them has been fitted to the readings.
+        remaining -= share * int((likelihood.pose_std[seen] >= UNKNOWN_STD).sum())
     misfit = total / remaining if remaining > 0 else 1.0
     side = likelihood.scene.array.detectors_per_side
     return Agreement(residuals, state.variance, uncensored, misfit, max(0, int(remaining)), side)

@@ -4,6 +4,7 @@ Parameters that the images do not determine keep their values and are named.
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp, softmax
 
 from uuv_optical_array.calibration import notes
+from uuv_optical_array.calibration.clock_fit import offset_step
 from uuv_optical_array.calibration.fit import CalibrationFit
 from uuv_optical_array.calibration.likelihood import POSE, CalibrationLikelihood
 from uuv_optical_array.calibration.parameters import (
@@ -29,6 +31,7 @@ from uuv_optical_array.calibration.parameters import (
     Layout,
 )
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.prior import OWN_GEOMETRY, OWN_POWER
 from uuv_optical_array.forward.scene import Scene, scene_from_settings, without_meaning
 
@@ -68,6 +71,7 @@ class Calibration:
     outlying_images: tuple[int, ...]  # that were left out
     notes: tuple[str, ...]  # what a user should know
     refusal: str  # why the scene is not to be used; empty: it is
+    clock: tuple[float, float] = (0.0, math.inf)  # as of `offset_step`, s; inf without rates
 
 
 def calibrate(
@@ -80,6 +84,8 @@ def calibrate(
     fit_noise: bool = False,
     on_step: Callable[[], object] = int,
     places: ArrayLike | None = None,
+    rates: Array | None = None,
+    array: DetectorArray | None = None,
 ) -> Calibration:
     """Fit lamps, water, array, aims and background to images at known poses.
 
@@ -88,11 +94,15 @@ def calibrate(
     - poses, rolls: of the follower in ``beacon``, m and rad, ``(m, 5)`` and broadcast to ``(m,)``.
     - hold: parameters that keep the values of the scene: of `parameters.Layout`, or ``gains``.
     - pose_std: standard deviation of each pose, m and rad, shape ``(5,)`` or ``(m, 5)``, > 0;
-      ``None``: exact. To several lamps, which show it, the roll is known as well as the pitch.
+      ``None``: exact; from `UNKNOWN_STD` on not known, where the pose is a start of the fit. To
+      several lamps, which show it, the roll is known as well as the pitch.
     - fit_noise: whether ``sensor_noise.sigma_counts`` is fitted to the residuals too.
     - on_step: called at every step, to show progress.
     - places: of each image, a whole number from 0 on, shape ``(m,)``: the images of a place share
       the error of its pose. ``None``: those of the images are independent.
+    - rates: of poses and rolls, m/s and rad/s, shape ``(m, 6)``, which tell how far the clock of
+      the poses is off that of the images.
+    - array: detectors in place of those of the scene, on a grid of the same size.
     - ValueError: for images, poses or errors that are not finite or of a wrong shape, an unknown
       name in `hold`, a noise to fit that the scene lacks, no usable reading, or results out of the
       bounds of a scene.
@@ -126,7 +136,8 @@ def calibrate(
                 "exact poses"
             )
     where = None if places is None else np.unique(places, return_inverse=True)[1]
-    likelihood = CalibrationLikelihood(scene, images, poses, rolls, pose_std, where)
+    given = images, poses, rolls, pose_std, where, array
+    likelihood = CalibrationLikelihood(scene, *given)
     lit = likelihood.readings > DARK * np.sqrt(likelihood.noise.variance)
     for i, share in enumerate(lit.reshape(len(images), -1, side**2).mean(axis=(0, 2)).tolist()):
         if scene.lamps and share < LEAST_LIT:
@@ -140,20 +151,25 @@ def calibrate(
     fit = CalibrationFit(likelihood, known, on_step)
     reason = notes.refusal(fit, fit_noise)
     if reason or not fit_noise:
-        return _result(scene, fit, (), reason)
+        return _result(scene, fit, (), reason, rates)
     start = sigma = float(scene.effects["sensor_noise"]["sigma_counts"])
     for _ in range(NOISE_ROUNDS):
         sigma, error = fit.agreement.noise(sigma)
         settings = scene.settings()
         settings["effects"]["sensor_noise"]["sigma_counts"] = sigma
         scene = scene_from_settings(settings, scene.name)
-        likelihood = CalibrationLikelihood(scene, images, poses, rolls, pose_std, where)
+        likelihood = CalibrationLikelihood(scene, *given)
         fit = CalibrationFit(likelihood, known, on_step)
-    return _result(scene, fit, (FittedParameter(NOISE, "counts", start, sigma, error),), "")
+    noise = (FittedParameter(NOISE, "counts", start, sigma, error),)
+    return _result(scene, fit, noise, "", rates)
 
 
 def _result(
-    scene: Scene, fit: CalibrationFit, noise: tuple[FittedParameter, ...], reason: str
+    scene: Scene,
+    fit: CalibrationFit,
+    noise: tuple[FittedParameter, ...],
+    reason: str,
+    rates: Array | None,
 ) -> Calibration:
     likelihood, held = fit.likelihood, fit.held()
     layout, first = likelihood.layout, likelihood.layout.gains
@@ -207,6 +223,7 @@ def _result(
         outlying_images=fit.outlying_images,
         notes=notes.notes_of(scene, fit, little),
         refusal=reason,
+        clock=(0.0, math.inf) if rates is None else offset_step(fit, rates),
     )
 
 

@@ -16,6 +16,7 @@ from uuv_optical_array.calibration.aims import appearing
 from uuv_optical_array.calibration.parameters import AIMS, BACKGROUND, BOUGHT, POWER, SIGMA, Layout
 from uuv_optical_array.core.geometry import PITCH, Array
 from uuv_optical_array.estimation.information.likelihood import information, log_likelihood
+from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.effects.detectors import detector_gains
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import reading_variance
@@ -24,6 +25,7 @@ from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
 BLOCK_READINGS = 100_000
 POSE = 6  # slopes by a pose and its roll
+UNKNOWN_STD = 1e3  # m and rad: of a part of a pose that is not known
 
 
 class Unknowns(NamedTuple):
@@ -58,6 +60,7 @@ class CalibrationLikelihood:
         rolls: Array,
         pose_std: Array | None,
         places: NDArray[np.intp] | None = None,
+        array: DetectorArray | None = None,
     ) -> None:
         settings = scene.settings()
         effects = settings["effects"]
@@ -78,6 +81,8 @@ class CalibrationLikelihood:
         settings.pop("prior")
         self.scene = scene_from_settings(settings, scene.name)
         self.model, original = ForwardModel(self.scene), ForwardModel(scene)
+        if array is not None:
+            self.model.array = array
         self.power, noise = original.power, original.noise
         self.start_gains = gains
         self.readings: Array = images.reshape(len(images), -1) - noise.black

@@ -19,7 +19,6 @@ from uuv_optical_array.calibration.parameters import (
 )
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.light import HALF_SQUARE, RANGE
-from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 
 MISFIT = 1.2  # mean squared residual from which standard errors are widened
@@ -64,7 +63,7 @@ def _lit(fit: CalibrationFit, row: int) -> Array:
     background = values[BACKGROUND] * np.exp(values[likelihood.layout.gains :])
     lamp = state.mean - np.resize(background, state.mean.shape[1])
     lit = likelihood.used & (lamp > np.sqrt(state.variance))
-    rays = ForwardModel(likelihood.scene).rays(likelihood.poses, likelihood.rolls)
+    rays = likelihood.model.rays(likelihood.poses, likelihood.rolls)
     return np.asarray(rays[row][lit])
 
 

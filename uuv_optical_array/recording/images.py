@@ -3,7 +3,8 @@
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Annotated, Any
@@ -35,6 +36,24 @@ class Recording:
     # To the follower, ascending: stamp, ns, linear and angular body velocity, m/s and rad/s, (3,).
     commands: list[tuple[int, Array, Array]] = field(default_factory=list)
     states: list[State] = field(default_factory=list)  # of the follower, each once, ascending
+    # Poses and rolls at other stamps, ns; nan where not known. `None`: they were told by places.
+    poses_at: Callable[[NDArray[np.int64]], tuple[Array, Array]] | None = None
+    offset_s: float = 0.0  # of the poses from the stamps of their images
+    rates: Array | None = None  # of poses and rolls, m/s and rad/s, (m, 6), as of `clocks.rates_of`
+
+    def only(self, kept: NDArray[np.bool_], reason: str) -> "Recording":
+        """Return what is `kept` of the images, ``(m,)``; the others are counted as refused."""
+        refused = Counter(self.refused)
+        if left_out := int((~kept).sum()):
+            refused[reason] += left_out
+        return replace(
+            self,
+            images=self.images[kept],
+            poses=self.poses[kept],
+            rolls=self.rolls[kept],
+            stamps_ns=self.stamps_ns[kept],
+            refused=refused,
+        )
 
     @property
     def seconds(self) -> Array:
@@ -194,11 +213,22 @@ def _with_poses(
     leader_at, follower_at = leader.poses(max_gap_s), follower.poses(max_gap_s)
     images, poses, rolls = [], [], []
     stamps: list[int] = []
+
+    def pose_at(stamp: int) -> tuple[Array, float]:
+        leader_position, leader_rotation = leader_at(stamp)
+        beacon = leader_position + leader_rotation @ beacon_position_m
+        return relative_pose(beacon, leader_rotation, *follower_at(stamp))
+
+    def poses_at(stamps: NDArray[np.int64]) -> tuple[Array, Array]:
+        told = np.full((len(stamps), 6), np.nan)
+        for row, stamp in zip(told, stamps.tolist(), strict=True):
+            with suppress(Refused):
+                row[:5], row[5] = pose_at(stamp)
+        return told[:, :5], told[:, 5]
+
     for stamp, pixels in image.samples:
         try:
-            leader_position, leader_rotation = leader_at(stamp)
-            beacon = leader_position + leader_rotation @ beacon_position_m
-            pose, roll = relative_pose(beacon, leader_rotation, *follower_at(stamp))
+            pose, roll = pose_at(stamp)
         except Refused as reason:
             if poses_needed:
                 refused[f"{image.topic}: {reason}"] += 1
@@ -214,5 +244,10 @@ def _with_poses(
         missing = "no image with a known pose" if poses_needed else "no image"
         raise ValueError(f"{missing}: {reasons or 'no message at all'} ({spans})")
     return Recording(
-        np.array(images), np.array(poses), np.array(rolls), np.array(stamps, np.int64), refused
+        np.array(images),
+        np.array(poses),
+        np.array(rolls),
+        np.array(stamps, np.int64),
+        refused,
+        poses_at=poses_at,
     )

@@ -55,6 +55,7 @@ def with_places(recording: Recording, path: Path) -> tuple[Recording, Array, NDA
         rolls=rolls,
         stamps_ns=recording.stamps_ns[index],
         refused=refused,
+        poses_at=None,
     )
     return kept, np.maximum(stds, LEAST_STD), numbers
 

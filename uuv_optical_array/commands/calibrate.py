@@ -22,6 +22,8 @@ Needs rosbags and mcap (pip install rosbags mcap), but no ROS.
 
 import argparse
 import dataclasses
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +31,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
-from uuv_optical_array.cli import bag, options, outputs, progress
+from uuv_optical_array.calibration.clock import Clock, synchronised
+from uuv_optical_array.cli import bag, light, options, outputs, progress
+from uuv_optical_array.cli.light import Light
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.forward.scene import save_scene
+from uuv_optical_array.forward.scene import Scene, save_scene
 from uuv_optical_array.forward.scene_files import own_text
+from uuv_optical_array.layouts.detectors import on_array_of, write_detectors
 from uuv_optical_array.plots.style import array_image, new_figure, save
 from uuv_optical_array.recording.images import Recording
-from uuv_optical_array.recording.places import LEAST_STD, with_places
+from uuv_optical_array.recording.places import LEAST_STD, POSE, with_places
 
 POSITION = Quantity("standard deviation of x, y and z; 0: exact", "m", 0, 10)
 ATTITUDE = Quantity("of pitch and yaw; 0: exact", "deg", 0, 90)
@@ -47,7 +52,8 @@ STDS = {
 }
 # The fit makes no use of commands.
 NO_USE = "commands_topic", "states_topic"
-SETTINGS = {name: how for name, how in bag.READING.items() if name not in NO_USE} | STDS
+READING = {name: how for name, how in bag.READING.items() if name not in NO_USE}
+SETTINGS = READING | light.SETTINGS | STDS
 SHOWN_IMAGES = 5
 EDGE = 4.0  # standard deviations; residuals beyond are drawn there
 
@@ -61,6 +67,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_json(parser)
     about = "CSV of measured places and errors, in place of odometries and their errors"
     parser.add_argument("--places", type=Path, metavar="TABLE", help=about)
+    light.add_tables(parser)
+    about = "column of poses, or of their errors, that has this value throughout; may be repeated"
+    known: dict[str, Any] = {"action": "append", "default": [], "type": light.known_column}
+    parser.add_argument("--known", help=about, metavar="NAME=VALUE", **known)
+    about = "part of the poses that the light has to tell; may be repeated"
+    open_parts: dict[str, Any] = {"action": "append", "default": [], "choices": POSE}
+    parser.add_argument("--unknown", help=about, metavar="NAME", **open_parts)
     about = "parameter that keeps the scene's value, by its printed name, or gains; "
     words: dict[str, Any] = {"action": "append", "default": [], "metavar": "NAME"}
     parser.add_argument("--hold", help=about + "may be repeated", **words)
@@ -83,8 +96,10 @@ def _row(parameter: FittedParameter) -> str:
     return f"{values}  {unit:<11}{note}".rstrip()
 
 
-def _gains(result: Calibration) -> list[str]:
-    """Return the gains as a grid, or, of a large array, their spread."""
+def _gains(result: Calibration, names: Sequence[str] = ()) -> list[str]:
+    """Return the gains as a grid, or by the names of detectors, or, of many, their spread."""
+    if len(names) == 1:
+        return ["gain: part of the power"]
     known = result.gain_std[np.isfinite(result.gain_std)]
     if not known.size:
         return ["gains: as they were"]
@@ -92,6 +107,11 @@ def _gains(result: Calibration) -> list[str]:
     errors = f"std errors {known.min():.{digits}f} to {known.max():.{digits}f}"
     head = f"gains, geometric mean 1, rows from the top, columns from port ({errors}):"
     gains = result.gains
+    if names:
+        values = zip(names, gains.ravel(), result.gain_std.ravel(), strict=False)
+        each = (f"{name} {'-' if np.isnan(s) else f'{g:.{digits}f}'}" for name, g, s in values)
+        named = f"gains of detectors, geometric mean 1 ({errors}): "
+        return textwrap.wrap(named + ", ".join(each), 100, subsequent_indent="  ")
     if len(gains) > 9:
         low, high, std = (f"{x:.{digits}f}" for x in (gains.min(), gains.max(), gains.std()))
         return [head, f"  {gains.size} from {low} to {high}, spread {std}"]
@@ -100,21 +120,31 @@ def _gains(result: Calibration) -> list[str]:
     return [head, *map("".join, wide)]
 
 
-def report(result: Calibration, recording: Recording, path: Path, start: str, at: str = "") -> str:
-    """Return the fitted values and how well the model agrees, as text; `at` places, if measured."""
+def report(
+    result: Calibration,
+    recording: Recording,
+    path: Path,
+    start: str,
+    at: str = "",
+    names: Sequence[str] = (),
+) -> str:
+    """Return the fitted values and how well the model agrees, as text.
+
+    `at` says at which places, if they were measured; `names` are those of detectors in a layout.
+    """
     seconds, poses = recording.seconds, recording.poses
     ranges = np.linalg.norm(poses[:, :3], axis=1)
     off = np.degrees(np.arctan2(np.linalg.norm(poses[:, 1:3], axis=1), -poses[:, 0]))
     lines = [
-        f"bag {path}: {len(seconds)} images in {np.ptp(seconds):.1f} s{at}, base_link "
-        f"{ranges.min():.2f} to {ranges.max():.2f} m from the lamp, up to {off.max():.1f} deg off "
-        "its axis",
+        f"{light.kind_of(path)} {path}: {len(seconds)} images in {np.ptp(seconds):.1f} s{at}, "
+        f"base_link {ranges.min():.2f} to {ranges.max():.2f} m from the lamp, up to "
+        f"{off.max():.1f} deg off its axis",
         *(f"  {line}" for line in recording.left_out),
         "",
         f"{'parameter':<27}{'start: ' + start:>12}{'fitted':>14}{'std error':>12}  unit",
         *map(_row, result.parameters),
         "",
-        *_gains(result),
+        *_gains(result, names),
         "",
     ]
     correlations = np.tril(np.nan_to_num(result.correlation), -1)
@@ -133,7 +163,9 @@ def report(result: Calibration, recording: Recording, path: Path, start: str, at
     return "\n".join([*lines, *(f"note: {note}" for note in result.notes)])
 
 
-def as_json(result: Calibration, recording: Recording) -> dict[str, Any]:
+def as_json(
+    result: Calibration, recording: Recording, clock: Clock | None = None
+) -> dict[str, Any]:
     """Return the result as plain values and arrays; what is not known is nan."""
     return {
         "images": len(recording.images),
@@ -148,6 +180,7 @@ def as_json(result: Calibration, recording: Recording) -> dict[str, Any]:
         "mean_squared_residual": result.misfit,
         "outlying_readings": result.outliers,
         "outlying_images_s": recording.seconds[list(result.outlying_images)],
+        "clock": clock and dataclasses.asdict(clock),
         "notes": list(result.notes),
         "refusal": result.refusal,
         "scene": result.scene.settings(),
@@ -192,41 +225,110 @@ def draw_calibration(result: Calibration, recording: Recording, title: str) -> A
     return figure
 
 
+def _fill(recording: Recording, stamps_ns: NDArray[np.int64], starts: Array) -> Recording:
+    """Return a recording whose unknown parts are the starts, which were found for all stamps."""
+    own = starts[np.searchsorted(stamps_ns, recording.stamps_ns)]
+    poses = np.where(np.isnan(recording.poses), own, recording.poses)
+    return dataclasses.replace(recording, poses=poses)
+
+
+def _told(args: argparse.Namespace, scene: Scene) -> tuple[Light, list[str]]:
+    """Return what tables, or a bag, tell, and the parts of poses that they are to leave open."""
+    told, known = light.read_light(args, scene), dict(args.known)
+    if missing := [name for name, value in known.items() if value is None]:
+        raise options.OptionError(f"--known {missing[0]}: no value; give {missing[0]}=VALUE")
+    told = light.with_known(told, known)
+    lacking = np.isnan(told.recording.poses)
+    for i, name in enumerate(POSE):
+        if lacking[:, i].any() and name not in args.unknown:
+            rows = f"{lacking[:, i].sum()} of {len(lacking)} places"
+            raise ValueError(
+                f"{name}: not told of {rows}; add a column, or --known {name}=VALUE where it is "
+                f"the same throughout, or --unknown {name} where the light has to tell it"
+            )
+    return told, [name for name in POSE if name in args.unknown]
+
+
 def run(args: argparse.Namespace) -> int:
-    """Read the bag, fit, print and write."""
+    """Read bag or tables, fit, print and write."""
     settings = dict(args.set)
     stds = np.repeat([settings[name] for name in STDS], [3, 2]) / IN_DEGREES
-    pose_std = np.maximum(stds, LEAST_STD) if stds.any() else None
     scene = options.scene_of(args)
     if args.noise and "sensor_noise" not in scene.effects:
         raise options.OptionError(f"--noise: no effects.sensor_noise in {scene.name}; add it")
     table = args.places and files.user_path(args.places)
-    if table is not None and pose_std is not None:
+    if table is not None and stds.any():
         raise options.OptionError(
             f"--set {next(iter(STDS))}: the table of --places says it; leave one out"
+        )
+    if table is not None and (args.known or args.unknown or args.trajectory):
+        raise options.OptionError(
+            "--places: its table tells whole poses; leave out --known, --unknown and --trajectory"
         )
     path, text = files.user_path(args.bag), own_text(args.scene)
     output = outputs.file_to_write(args.output, "--output", outputs.SCENE)
     picture = args.picture and outputs.file_to_write(args.picture, "--picture", outputs.PICTURE)
     try:
-        recording, places = bag.read_bag(args, scene, poses_needed=table is None), None
         if table is not None:
-            recording, pose_std, places = with_places(recording, table)
+            told = light.read_light(args, scene, poses_needed=False)
+            recording, pose_std, places = with_places(told.recording, table)
+        else:
+            (told, open_parts), places = _told(args, scene), None
+            if open_parts:
+                told = light.with_starts(told, scene, open_parts)
+            recording = told.recording
+            pose_std = np.where(np.isnan(told.stds), np.maximum(stds, LEAST_STD), told.stds)
+        layout = told.layout
+        start = layout.scene if layout else scene
+        exact = places is None and (pose_std <= LEAST_STD).all()
+        stamps, starts = recording.stamps_ns, recording.poses
+
+        def fitted(moved: Recording) -> Calibration:
+            here = _fill(moved, stamps, starts)
+            own = pose_std[np.searchsorted(stamps, here.stamps_ns)]
+            return calibrate(
+                start,
+                here.images,
+                here.poses,
+                here.rolls,
+                args.hold,
+                None if exact else own,
+                args.noise,
+                steps.update,
+                places,
+                here.rates,
+                layout.array if layout else None,
+            )
+
         with progress.counter(None, "step") as steps:
-            drive = recording.images, recording.poses, recording.rolls
-            result = calibrate(scene, *drive, args.hold, pose_std, args.noise, steps.update, places)
+            if recording.poses_at is None:
+                result, clock = fitted(recording), None
+            else:
+                recording, result, clock = synchronised(recording, fitted)
+                recording = _fill(recording, stamps, starts)
     except KeyboardInterrupt:
         print("interrupted: nothing was written")
         return options.INTERRUPTED
-    written = bool(args.force or not result.refusal)
+    found = on_array_of(scene, result.scene) if layout else result.scene
+    written = [output] if args.force or not result.refusal else []
     if written:
         source = f"from {files.shown(path)}, starting from {scene.name}"
         comment = f"Calibrated by uuv_array calibrate {source}."
-        save_scene(result.scene, output, comment, text)
+        save_scene(found, output, comment, text)
+        if layout and len(layout.detectors.names) > 1:
+            gains = output.with_name(f"{output.stem}_detectors.csv")
+            write_detectors(gains, layout.with_gains(result.gains), comment)
+            written.append(gains)
     measured = "" if places is None else f" at {int(places.max()) + 1} places"
-    text = report(result, recording, path, scene.name, measured)
-    lines = [text, *[f"scene: {output}"] * written]
-    outputs.finish(args, as_json(result, recording), "\n".join(lines))
+    names = layout.detectors.names if layout else ()
+    lines = [report(result, recording, path, scene.name, measured, names)]
+    if clock:
+        lines.append(clock.text())
+    lines += [
+        f"{name}: {file}" for name, file in zip(("scene", "detectors"), written, strict=False)
+    ]
+    answer = as_json(result, recording, clock) | {"scene": found.settings()}
+    outputs.finish(args, answer, "\n".join(lines))
     if picture is not None:
         count = int(result.uncensored.sum())
         title = f"Calibration from {files.shown(path)}: residuals of {count} readings"

@@ -10,36 +10,60 @@ Estimate every image as feature and estimator node would, with any scene and met
   uuv_array estimate sea --scene sea.yaml -o again      by another scene
   uuv_array estimate sea --method sam --track           by another method, and filtered
   evo_ape tum sea_estimates/truth.tum sea_estimates/relative_pose.tum
-Ctrl-C writes what there is. Needs rosbags and mcap (pip install rosbags mcap), but no ROS.
+  uuv_array estimate dive.csv --detectors detectors.csv --known z_m --known pitch_deg=0
+                                                        readings of any detectors, as a table
+A table of readings has a column for each detector (NAME, or NAME.0, NAME.1 ... by lamp), and
+perhaps time_s. What --known names of x_m, y_m, z_m, pitch_deg, yaw_deg, roll_deg is taken as known,
+from its column or as given, with the error that --known x_std_m=0.1 gives, or exactly; other parts
+are found, and compared with their columns. Ctrl-C writes what there is. Needs rosbags and mcap (pip
+install rosbags mcap), but no ROS.
 """
 
 import argparse
+import math
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
+from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.cli import bag, options, outputs, progress
+from uuv_optical_array.cli import bag, light, options, outputs, progress
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, wrapped
+from uuv_optical_array.core.processes import spread
+from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.estimate import Estimate
+from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
 from uuv_optical_array.estimation.pipeline import Answer
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.layouts.detectors import layout_of, of_scene
+from uuv_optical_array.layouts.poses import PoseFit
+from uuv_optical_array.recording.clocks import shifted
 from uuv_optical_array.recording.images import Recording
-from uuv_optical_array.recording.replay import replay
+from uuv_optical_array.recording.places import LEAST_STD, POSE
+from uuv_optical_array.recording.replay import CHUNK_FRAMES, replay
 from uuv_optical_array.recording.results import write_results
+
+OFFSET = Quantity("from the images' clock to that of their poses, by calibrate", "s", -1e6, 1e6)
+SETTINGS = bag.READING | light.SETTINGS
+SETTINGS |= {"time_offset_s": Setting(float, OFFSET, 0.0, optional=False)}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    bag.add_bag(parser)
+    bag.add_bag(parser, SETTINGS)
     options.add_scene(parser, "follow")
     options.add_method(parser)
     filtered = "filter the frames, and learn the constants"
     parser.add_argument("--track", action="store_true", help=filtered)
+    light.add_tables(parser)
+    about = "part of the poses that is known, in its column or as given; may be repeated"
+    known: dict[str, Any] = {"action": "append", "default": [], "type": light.known_column}
+    parser.add_argument("--known", help=about, metavar="NAME[=VALUE]", **known)
     outputs.add_folder(parser, "folder to make (default: that of the bag with _estimates)")
 
 
@@ -50,13 +74,25 @@ def run(args: argparse.Namespace) -> int:
     )
     needs("bags", "mcap.writer")  # before all is estimated, not after
     scene = options.scene_of(args)
-    recording = bag.read_bag(args, scene, poses_needed=False)
-    estimator = Estimator(scene, args.method).wait()
+    told, offset_s = light.read_light(args, scene, False), dict(args.set)["time_offset_s"]
+    if offset_s:
+        told = told._replace(recording=shifted(told.recording, offset_s))
+    recording = told.recording
+    by_layout = told.layout is not None or bool(args.known)
+    if by_layout and (args.track or args.method != EstimatorSettings.method):
+        raise options.OptionError(
+            "--track, --method: of the scene's array alone; leave them out with --detectors and "
+            "--known"
+        )
     tracking = TrackerSettings() if args.track else None
     frames: list[Answer] = []
     started, exit_code = time.monotonic(), 0
     images, stamps_ns, commands = recording.images, recording.stamps_ns, recording.commands
-    answers = replay(images, stamps_ns, estimator, tracking, commands=commands)
+    if by_layout:
+        answers = _by_layout(told, scene, dict(args.known))
+    else:
+        estimator = Estimator(scene, args.method).wait()
+        answers = replay(images, stamps_ns, estimator, tracking, commands=commands)
     with closing(answers):
         try:
             for frame in progress.over(answers, total=len(images)):
@@ -68,13 +104,51 @@ def run(args: argparse.Namespace) -> int:
         names = write_results(folder, frames, recording)
     if exit_code:
         print(f"interrupted after {len(frames)} of {len(recording.images)} images")
-    print(report(frames, recording, took_s, args.track))
+    where = "its columns" if light.is_table(args.bag) else "the bag's odometries"
+    source = f"{args.trajectory.name}" if args.trajectory else where
+    print(report(frames, recording, took_s, args.track, source))
     print(f"{args.method} in scene {scene.name}: {', '.join(names)} in {output}")
     return exit_code
 
 
-def report(frames: Sequence[Answer], recording: Recording, took_s: float, tracked: bool) -> str:
-    """Return the numbers of images and poses and the errors, as text."""
+def _by_layout(
+    told: light.Light, scene: Scene, known: Mapping[str, float | None]
+) -> Generator[Answer, None, None]:
+    """Yield the answers to readings of detectors in any layout, or of poses that are known."""
+    values = {name: value for name, value in known.items() if value is not None}
+    recording, stds, _ = light.with_known(told, values)
+    parts = [i for i, name in enumerate(POSE) if name in known]
+    given = np.full(recording.poses.shape, np.nan)
+    given[:, parts] = recording.poses[:, parts]
+    for i in parts:
+        if missing := int(np.isnan(given[:, i]).sum()):
+            raise ValueError(
+                f"--known {POSE[i]}: not told of {missing} of {len(given)} images; fill its "
+                f"column, or give {POSE[i]}=VALUE"
+            )
+    fit = PoseFit(told.layout or layout_of(scene, of_scene(scene)), EstimatorSettings.max_misfit)
+    stds = np.where(np.isnan(stds), LEAST_STD, stds)
+
+    def answer(i: int) -> Answer:
+        found = fit.one(recording.images[i], given[i], stds[i], float(recording.rolls[i]))
+        estimate = None
+        if not found.reason:
+            estimate = Estimate(
+                found.pose, found.covariance, math.nan, None, math.nan, found.misfit
+            )
+        return Answer(int(recording.stamps_ns[i]), estimate, None, found.reason)
+
+    yield from spread(answer, len(given), None, CHUNK_FRAMES)
+
+
+def report(
+    frames: Sequence[Answer],
+    recording: Recording,
+    took_s: float,
+    tracked: bool,
+    source: str = "the bag's odometries",
+) -> str:
+    """Return the numbers of images and poses and the errors, as text; `source` tells the truth."""
     posed = [(i, frame.estimate.pose) for i, frame in enumerate(frames) if frame.estimate]
     span_s = (frames[-1].stamp_ns - frames[0].stamp_ns) * 1e-9 if frames else 0.0
     lines = [
@@ -89,12 +163,15 @@ def report(frames: Sequence[Answer], recording: Recording, took_s: float, tracke
         poses["relative_odometry"] = [(i, f.track.pose) for i, f in enumerate(frames) if f.track]
     for name, numbered in poses.items():
         true = recording.poses[[i for i, _ in numbered]]
-        known = ~np.isnan(true[:, 0])
-        if known.any():
-            differences = np.array([pose for _, pose in numbered]) - true
-            errors = np.array([wrapped(difference) for difference in differences[known]])
-            rms = np.sqrt(np.mean(errors**2, axis=0)) * IN_DEGREES
-            cells = zip(DOF_NAMES, rms, DOF_UNITS, strict=True)
-            text = ", ".join(f"{dof} {value:.3g} {unit}" for dof, value, unit in cells)
-            lines.append(f"{name}, rms error by the bag's odometries: {text}")
+        known = ~np.isnan(true).any(axis=0)
+        differences = np.array([pose for _, pose in numbered]).reshape(-1, 5) - true
+        if known.any() and len(numbered):
+            errors = np.array([wrapped(difference) for difference in differences])
+            cells = [
+                f"{DOF_NAMES[i]} {np.sqrt(np.nanmean(errors[:, i] ** 2)) * IN_DEGREES[i]:.3g} "
+                f"{DOF_UNITS[i]}"
+                for i in np.flatnonzero(known)
+            ]
+            text = ", ".join(cells)
+            lines.append(f"{name}, rms error by {source}: {text}")
     return "\n".join(lines)

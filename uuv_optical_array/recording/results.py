@@ -28,7 +28,7 @@ def write_results(folder: Path, frames: Sequence[Answer], recording: Recording) 
     trajectories = {
         "relative_pose.tum": [(f.stamp_ns, f.estimate.pose, 0.0) for f in frames if f.estimate],
         "relative_odometry.tum": [(f.stamp_ns, f.track.pose, 0.0) for f in frames if f.track],
-        "truth.tum": [(int(s), pose, roll) for s, pose, roll in truth if not np.isnan(roll)],
+        "truth.tum": [(int(s), p, roll) for s, p, roll in truth if np.isfinite([*p, roll]).all()],
     }
     names = ["frames.csv", "bag", *(name for name, poses in trajectories.items() if poses)]
     for name in names[2:]:

@@ -1,0 +1,187 @@
+"""The options of commands that read tables of light, and the recording read by them."""
+
+import argparse
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from uuv_optical_array.calibration.likelihood import UNKNOWN_STD
+from uuv_optical_array.cli import bag, options, progress
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.processes import spread
+from uuv_optical_array.core.settings import Quantity, Setting, unknown
+from uuv_optical_array.core.storage import files
+from uuv_optical_array.forward.scene import Scene, scene_from_settings
+from uuv_optical_array.layouts.detectors import (
+    Layout,
+    layout_of,
+    number_in,
+    of_scene,
+    read_detectors,
+)
+from uuv_optical_array.layouts.poses import PoseFit
+from uuv_optical_array.layouts.readings import (
+    NAMES,
+    TIME,
+    Course,
+    read_table,
+    recording_of,
+    told_of,
+)
+from uuv_optical_array.recording.images import Recording
+from uuv_optical_array.recording.places import LEAST_STD, POSE
+
+UNIT = Quantity("of a reading in the table of readings, in its unit", "counts", 1e-9, 1e9)
+SETTINGS = {"counts_per_unit": Setting(float, UNIT, 1.0, optional=False)}
+
+
+class Light(NamedTuple):
+    """Readings with what is told of their places.
+
+    - recording: with nan where a part of a pose is not known.
+    - stds: of its poses, m and rad, ``(m, 5)``; nan as there.
+    - layout: of the detectors; ``None``: they are those of the scene.
+    """
+
+    recording: Recording
+    stds: Array
+    layout: Layout | None
+
+
+def add_tables(parser: argparse.ArgumentParser) -> None:
+    """Add the options of tables of light."""
+    about = "CSV of the detectors in place of the scene's, for a CSV of readings"
+    parser.add_argument("--detectors", type=Path, metavar="TABLE", help=about)
+    about = "CSV of poses by time_s, in place of odometries"
+    parser.add_argument("--trajectory", type=Path, metavar="TABLE", help=about)
+
+
+def is_table(path: Path) -> bool:
+    """Say whether a recording is a table of readings."""
+    return path.suffix.lower() == ".csv"
+
+
+def known_column(word: str) -> tuple[str, float | None]:
+    """Read NAME=VALUE, or NAME alone, of a column of `NAMES`."""
+    name, equals, text = word.partition("=")
+    try:
+        if name not in NAMES:
+            raise unknown(name, NAMES, "")
+        return name, number_in(text, name) if equals else None
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def kind_of(path: Path) -> str:
+    """Return what a recording is called."""
+    return "table" if is_table(path) else "bag"
+
+
+def read_light(args: argparse.Namespace, scene: Scene, poses_needed: bool = True) -> Light:
+    """Read a table of readings, or a bag, with the poses of its odometries or of --trajectory."""
+    if not is_table(args.bag) and args.detectors:
+        raise options.OptionError(
+            f"--detectors: {args.bag} is no table of readings; a bag has images of the scene's "
+            "array, so give a .csv"
+        )
+    if not is_table(args.bag):
+        needed = poses_needed and args.trajectory is None
+        recording, layout = bag.read_bag(args, scene, needed), None
+        columns: dict[str, Array] = {}
+        timed = True
+    else:
+        recording, layout, columns, timed = _read(args, scene)
+    if args.trajectory:
+        course = Course(read_table(files.user_path(args.trajectory)), dict(args.set)["max_gap_s"])
+        recording, columns = dataclasses.replace(recording, poses_at=course.at), {}
+        # A table without times counts its rows, which is no time of a course.
+        if not timed:
+            raise ValueError(f"{args.bag}: no column {TIME}, by which --trajectory has its poses")
+        poses, rolls = course.at(recording.stamps_ns)
+        recording = dataclasses.replace(recording, poses=poses, rolls=rolls)
+        told = ~np.isnan(rolls) & ~np.isnan(poses[:, course.parts]).any(axis=1)
+        if not told.any():
+            span = f"{recording.seconds.min():.3f} to {recording.seconds.max():.3f} s"
+            raise ValueError(
+                f"{args.trajectory}: it has no pose at the readings' times, {span}; both clocks "
+                "need one zero, to a second or so"
+            )
+        recording = recording.only(told, f"images at no time of {args.trajectory.name}")
+    return Light(recording, told_of(columns, len(recording.images)).stds, layout)
+
+
+def with_known(light: Light, known: Mapping[str, float]) -> Light:
+    """Return light of which columns of `NAMES` have a value, in m and deg, for every image."""
+    recording, told = light.recording, told_of({k: np.array([v]) for k, v in known.items()}, 1)
+
+    def known_at(poses: Array, rolls: Array) -> tuple[Array, Array]:
+        return (
+            np.where(np.isnan(told.poses), poses, told.poses),
+            np.where(np.isnan(told.rolls), rolls, told.rolls),
+        )
+
+    poses, rolls = known_at(recording.poses, recording.rolls)
+    if (inner := recording.poses_at) is not None:
+        recording = dataclasses.replace(recording, poses_at=lambda at: known_at(*inner(at)))
+    recording = dataclasses.replace(recording, poses=poses, rolls=rolls)
+    return light._replace(
+        recording=recording, stds=np.where(np.isnan(told.stds), light.stds, told.stds)
+    )
+
+
+def with_starts(light: Light, scene: Scene, parts: Sequence[str]) -> Light:
+    """Return light whose unknown parts of poses have starts, by the scene as if it were as bought.
+
+    Images without one are left out, and counted.
+    """
+    settings = (light.layout.scene if light.layout else scene).settings()
+    settings["prior"] = {"known": "as_bought"}
+    loose = scene_from_settings(settings, scene.name)
+    layout = layout_of(loose, of_scene(loose))
+    if light.layout:
+        layout = dataclasses.replace(light.layout, scene=loose)
+    fit, recording = PoseFit(layout, 0.0), light.recording
+    free = [POSE.index(name) for name in parts]
+    poses, stds = recording.poses.copy(), light.stds.copy()
+    poses[:, free] = np.nan
+    given = np.where(np.isnan(stds), LEAST_STD, stds)
+    found = list(
+        progress.over(
+            spread(
+                lambda i: fit.one(recording.images[i], poses[i], given[i], recording.rolls[i]),
+                len(poses),
+            ),
+            total=len(poses),
+        )
+    )
+    reasons = [each.reason for each in found]
+    poses[:, free] = np.array([each.pose for each in found])[:, free]
+    stds[:, free] = UNKNOWN_STD
+    kept = np.array([not each.reason for each in found])
+    if not kept.any():
+        raise ValueError(
+            f"--unknown {', '.join(parts)}: no image tells where it was: {found[0].reason}; make "
+            "the scene's lamp more like yours, or tell more by --known"
+        )
+    why = f"no start of {', '.join(parts)}, such as {next(filter(None, reasons), '')}"
+    recording = dataclasses.replace(recording, poses=poses).only(kept, why)
+    return light._replace(recording=recording, stds=stds[kept])
+
+
+def _read(
+    args: argparse.Namespace, scene: Scene
+) -> tuple[Recording, Layout | None, dict[str, Array], bool]:
+    path = files.user_path(args.bag)
+    own = args.detectors is None
+    detectors = of_scene(scene) if own else read_detectors(files.user_path(args.detectors))
+    layout = layout_of(scene, detectors)
+    table = read_table(path, detectors.names, scene.lamp_count)
+    recording = recording_of(table, layout, dict(args.set)["counts_per_unit"])
+    if own:
+        side = scene.array.detectors_per_side
+        images = layout.readings(recording.images).reshape(-1, scene.lamp_count * side, side)
+        recording = dataclasses.replace(recording, images=images)
+    return recording, None if own else layout, dict(table.told), table.timed

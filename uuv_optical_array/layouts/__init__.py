@@ -1,0 +1,1 @@
+"""Light of detectors in any layout, as tables: readings, places, poses."""

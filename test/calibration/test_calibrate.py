@@ -59,8 +59,11 @@ def follower_at(t):
     return position + turn.apply(np.array(BEACON) + pose[:3]), own
 
 
-def messages_of(seconds, axes):
-    """Return topic and bytes of every message of a drive, with odometries in turned axes."""
+def messages_of(seconds, axes, late_s=0.0):
+    """Return topic and bytes of every message of a drive, with odometries in turned axes.
+
+    The images' stamps are late.
+    """
 
     def odometry(topic, t, position, turn):
         own = axes * turn * axes.inv()
@@ -76,7 +79,8 @@ def messages_of(seconds, axes):
         messages.append(odometry(LEADER, later, *leader_at(later)))
         for t in times:
             pose, roll = relative_at(t)
-            messages.append(image_message(round(t * 1e9), model.expose(pose, rng, roll)))
+            stamp = round((t + late_s) * 1e9)
+            messages.append(image_message(stamp, model.expose(pose, rng, roll)))
     return messages
 
 
@@ -114,6 +118,7 @@ def command(bag, folder, *words):
 
 def test_another_sea_is_found_within_its_standard_errors(bag, tmp_path):
     found = json_of(run, *command(bag, tmp_path, "--noise"))
+    assert not found["clock"]["applied"]
     written = load_scene(tmp_path / "sea.yaml").settings()
     true, gains = truth_of(SEA)
     for name, value in {**true, "sensor_noise.sigma_counts": 1.5}.items():
@@ -132,6 +137,21 @@ def test_another_sea_is_found_within_its_standard_errors(bag, tmp_path):
     np.testing.assert_allclose(
         written["effects"]["responsivity"]["gains"], found["gains"], rtol=1e-8
     )
+
+
+def test_a_bag_whose_images_are_late_is_calibrated_at_their_times(tmp_path):
+    messages = messages_of(SECONDS, Rotation.identity(), late_s=0.01)
+    late = write_bag(tmp_path / "late", messages, "MCAP")
+    found = json_of(run, *command(late, tmp_path, "--noise"))
+    clock = found["clock"]
+    assert clock["applied"]
+    # The leader's odometry comes at 5 Hz, so that its turns are known to 0.2 ms.
+    assert clock["offset_s"] == pytest.approx(-0.01, abs=1e-3)
+    fit = found["parameters"]["sea.scattering_per_m"]
+    assert abs(fit["fitted"] - truth_of(SEA)[0]["sea.scattering_per_m"]) < 4 * fit["std_error"]
+    text = text_of(run, *command(late, tmp_path))
+    assert "the images' stamps are 10" in text
+    assert "ms late, which was taken into account (time_offset_s=-0.0" in text
 
 
 def test_a_namespaced_stack_in_ned_axes_is_read_by_its_topics(tmp_path):

@@ -1,0 +1,144 @@
+"""By how much the clocks of images and poses differ."""
+
+import numpy as np
+import pytest
+from scenes import changed
+
+from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.calibration.clock import synchronised
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.recording.clocks import rates_of
+from uuv_optical_array.recording.images import Recording
+
+STD = np.array([0.02, 0.02, 0.02, *np.radians([0.5, 0.5])])
+SECONDS = np.arange(10.2, 33.8, 0.1)  # known far enough on either side
+
+
+def course(t):
+    """Return poses and rolls of a follower that runs from 3 to 7 m and weaves; nan before 10 s."""
+    pose = np.column_stack(
+        [
+            -5 + 2 * np.cos(2 * np.pi * t / 24),
+            0.5 * np.sin(0.9 * t),
+            0.45 * np.cos(1.1 * t),
+            0.2 * np.sin(1.3 * t),
+            0.2 * np.cos(0.8 * t),
+        ]
+    )
+    roll = 0.05 * np.sin(0.5 * t)
+    unknown = (t < 10) | (t > 34)
+    return np.where(unknown[:, None], np.nan, pose), np.where(unknown, np.nan, roll)
+
+
+def drive(offset_s, std=None, seed=1):
+    """Return a recording whose images are of their stamps and an offset, with erring poses."""
+    rng = np.random.default_rng(seed)
+    true, rolls = course(SECONDS + offset_s)
+    images = ForwardModel(load_scene("follow")).expose(true, rng, rolls)
+    errors = 0 if std is None else std * rng.standard_normal(true.shape)
+    stamps = np.rint(SECONDS * 1e9).astype(np.int64)
+
+    def poses_at(at):
+        poses, rolls = course(at * 1e-9)
+        return poses + errors, rolls
+
+    return Recording(images, *poses_at(stamps), stamps, poses_at=poses_at)
+
+
+def fit_with(std):
+    def fit(recording):
+        return calibrate(
+            load_scene("follow"),
+            recording.images,
+            recording.poses,
+            recording.rolls,
+            pose_std=std,
+            rates=recording.rates,
+        )
+
+    return fit
+
+
+def scattering(result):
+    return next(p for p in result.parameters if p.name == "sea.scattering_per_m")
+
+
+@pytest.mark.parametrize("offset_s", [0.01, -0.1])
+def test_an_offset_is_found_and_taken_into_account(offset_s):
+    recording = drive(offset_s)
+    plain = fit_with(None)(recording)
+    moved, result, clock = synchronised(recording, fit_with(None))
+    assert clock.applied
+    assert abs(clock.offset_s - offset_s) < 5 * clock.std_s
+    assert clock.std_s < 2e-4
+    side = "early" if offset_s > 0 else "late"
+    assert f"ms {side}, which was taken into account" in clock.text()
+    b = scattering(result)
+    assert abs(b.value - 0.09) < 4 * b.std
+    # Without it the fit is off by more than its errors say.
+    assert result.misfit < 1.1
+    assert plain.misfit > 1.5
+    true, _ = course(moved.seconds + offset_s)
+    np.testing.assert_allclose(moved.poses, true, atol=5 * clock.std_s)
+
+
+def test_the_error_of_the_offset_is_that_of_its_information():
+    """Of exact poses and a known scene: sum of (d light / dt)^2 / sigma^2, by differences."""
+    recording, scene = drive(0.0), changed("follow", prior={"known": "exactly"})
+    model, step = ForwardModel(scene), 1e-4
+    before, after = (
+        model.light(course(recording.seconds + sign * step)[0], recording.rolls) for sign in (-1, 1)
+    )
+    # The rolls change, too.
+    turned = model.light(course(recording.seconds)[0], course(recording.seconds + step)[1])
+    still = model.light(course(recording.seconds)[0], recording.rolls)
+    slope = (after - before) / (2 * step) + (turned - still) / step
+    variance, _ = model.variance(still)
+    margin = 3 * np.sqrt(variance)
+    inside = (still > margin) & (still < 1023 - margin)
+    least = (slope**2 / variance * inside).sum() ** -0.5
+    held = [p.name for p in fit_with(None)(recording).parameters][:-1]
+    with_rates = rates_of(recording)
+    result = calibrate(
+        scene,
+        recording.images,
+        recording.poses,
+        recording.rolls,
+        hold=[*held, "gains"],
+        rates=with_rates.rates,
+    )
+    assert result.clock[1] == pytest.approx(least, rel=0.05)
+
+
+def test_clocks_that_agree_leave_a_calibration_as_it_is():
+    recording = drive(0.0)
+    moved, result, clock = synchronised(recording, fit_with(None))
+    assert not clock.applied
+    assert "images and poses agree within" in clock.text()
+    assert moved is recording
+    plain = fit_with(None)(recording)
+    assert [p.value for p in result.parameters] == [p.value for p in plain.parameters]
+
+
+def test_errors_of_the_poses_widen_that_of_the_offset():
+    _, _, exact = synchronised(drive(0.05), fit_with(None))
+    _, _, erring = synchronised(drive(0.05, STD), fit_with(STD))
+    assert erring.std_s > 10 * exact.std_s
+    assert abs(erring.offset_s - 0.05) < 5 * erring.std_s
+
+
+def test_a_vehicle_at_rest_tells_no_offset():
+    recording = drive(0.0)
+    still = np.tile([-5.0, 0.1, 0.0, 0.05, 0.0], (len(recording.images), 1))
+    images = ForwardModel(load_scene("follow")).expose(still, np.random.default_rng(3))
+    zero = np.zeros(len(still))
+    result = calibrate(
+        load_scene("follow"),
+        images,
+        still,
+        zero,
+        hold=["lamp.beam_sigma_deg", "sea.absorption_per_m", "sea.scattering_per_m", "gains"],
+        rates=np.zeros((len(still), 6)),
+    )
+    assert result.clock == (0.0, np.inf)

@@ -25,7 +25,7 @@ STUDIES = {
     name: import_module(f"uuv_optical_array.studies.{name}")
     for name in (
         *("accuracy", "robustness", "envelope", "drives", "transport"),
-        *("tradeoff", "design", "paper", "approach"),
+        *("measured", "tradeoff", "design", "paper", "approach"),
     )
 }
 

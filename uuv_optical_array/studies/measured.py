@@ -1,0 +1,57 @@
+"""``uuv_array study measured``: try the package on light that was measured.
+
+Read a folder of measured light, with those in it: photometric files of lamps (.ies, .ldt), and
+places_rss.csv, of places in a room with what a photodiode there read of four lamps, with the
+columns run, x and y in m, and four readings. Beams are compared with the sums of Gaussians that
+scenes have, and shone as they were measured on an array that is calibrated and estimates poses.
+Lamps of the room are calibrated by one run, and places of others are estimated, and poses of a
+virtual array whose readings are interpolated.
+
+  uuv_array study measured light              the folder of both
+  uuv_array study measured light --json       one JSON object
+The package has no such files; docs/results/measured.md says where those of its figures are from.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from uuv_optical_array.cli import options, outputs
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage import files
+from uuv_optical_array.studies.measured_lamps import files_in, measure_lamps, report_lamps
+from uuv_optical_array.studies.measured_report import measure_room, report_room
+from uuv_optical_array.studies.measured_room import FILE
+from uuv_optical_array.studies.shared.results import until_interrupted
+
+POSES = 200
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="of measured light")
+    options.add_number(parser, "poses", Quantity("poses behind each lamp", "", 1, 1e6), POSES)
+    options.add_seed(parser)
+    options.add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the study and print it."""
+    folder = files.user_path(args.folder)
+    if not folder.is_dir():
+        raise options.OptionError(f"FOLDER {folder}: there is none; name one of measured light")
+    lamps, rooms = files_in(folder), sorted(folder.rglob(FILE))
+    if not lamps and not rooms:
+        raise options.OptionError(
+            f"FOLDER {folder}: it has no .ies or .ldt file and no {FILE}; "
+            "docs/results/measured.md says where to get some"
+        )
+    rows, complete = until_interrupted(measure_lamps(lamps, args.poses, args.seed))
+    texts = [report_lamps(rows, args.poses)] if rows else []
+    result: dict[str, Any] = {"seed": args.seed, "complete": complete, "lamps": rows, "rooms": []}
+    if complete:
+        found, complete = until_interrupted(map(measure_room, rooms))
+        texts += map(report_room, found)
+        result |= {"complete": complete, "rooms": found}
+    text = "\n\n".join(texts)
+    return outputs.finish(args, result, text, complete, "the tables end where the work ended")

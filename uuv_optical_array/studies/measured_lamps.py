@@ -1,0 +1,164 @@
+"""What the measured beams of lamps do to a calibration and to poses: parts of ``study measured``.
+
+A lamp's photometric file is shone, as it was measured, into clear water that absorbs. Then the
+array is calibrated on a drive at known poses, and poses are estimated.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.storage.formats import columns, plain
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.forward.light import COSINE, HALF_SQUARE, RANGE
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.photometric_files import Photometry, read
+from uuv_optical_array.forward.photometry import POINTS, REACH, fitted
+from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
+from uuv_optical_array.forward.working_volume import MIN_PEAK_COUNTS, uniform_poses
+from uuv_optical_array.studies.shared.errors import errors_of
+
+SUFFIXES = ".ies", ".ldt"
+DRIVE_IMAGES = 300
+K_PER_M, REFERENCE = 0.1, 900.0  # of the water, and the largest reading at 4 m, counts
+LARGEST = 1023.0
+SCENE = {
+    "attenuation": {"k_per_m": K_PER_M},
+    "sensor_noise": {"sigma_counts": 1.0},
+    "saturation": {"level_counts": LARGEST},
+    "adc": {"bits": 10},
+}
+
+
+def files_in(folder: Path) -> list[Path]:
+    """Return the photometric files of a folder and of those in it, in order."""
+    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
+
+
+def gaussian_rms(lamp: Photometry) -> float:
+    """Return the rms of the best Gaussian beside a lamp's mean, of 1000, as `fitted` weighs it."""
+    reach = min(REACH * lamp.half_width_deg, lamp.angles_deg[-1], 90.0)
+    angles = np.linspace(0, reach, POINTS)
+    wanted = np.interp(angles, lamp.angles_deg, lamp.mean)
+    weight = np.sin(np.radians(angles)) + 1e-9
+    weight /= weight.sum()
+    best = np.inf
+    for sigma in np.linspace(0.4, 1.8, 281) * lamp.half_width_deg:
+        beam = np.exp(-0.5 * (angles / sigma) ** 2)
+        scale = (weight * beam * wanted).sum() / (weight * beam**2).sum()
+        best = min(best, float((weight * (scale * beam - wanted) ** 2).sum()))
+    return 1000 * float(np.sqrt(best))
+
+
+def scene_of(beam: dict[str, Any]) -> Scene:
+    """Return the scene of the study with a beam, as settings of a lamp."""
+    settings = load_scene("reference").settings()
+    lamp = {"reference_counts": REFERENCE, "reference_range_m": 4.0}
+    settings |= {"lamp": lamp | beam, "effects": SCENE, "prior": {"known": "as_bought"}}
+    return scene_from_settings(settings, "measured")
+
+
+class MeasuredLamp:
+    """The light of a lamp as its file has it, about the axis, on the study's array."""
+
+    def __init__(self, lamp: Photometry, model: ForwardModel) -> None:
+        self._lamp, self._model, self._power = lamp, model, 1.0
+        self._power = REFERENCE / self.light(np.array([[-4.0, 0, 0, 0, 0]])).max()
+
+    def light(self, poses: Array) -> Array:
+        """Return the light at poses ``(m, 5)``, counts, shape ``(m, side, side)``."""
+        rays = self._model.rays(poses, np.zeros(len(poses)))
+        eta, lamp = np.degrees(np.sqrt(2 * rays[HALF_SQUARE])), self._lamp
+        intensity = np.interp(eta, lamp.angles_deg, lamp.mean, right=0.0)
+        facing = np.maximum(rays[COSINE], 0.0)
+        light = self._power * intensity * facing / rays[RANGE] ** 2 * np.exp(-K_PER_M * rays[RANGE])
+        return np.asarray(light.reshape(len(poses), *self._model.image_shape))
+
+    def lit(self, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Return poses that are lit, ``(count, 5)``, m and rad, and their images."""
+        poses = np.empty((0, 5))
+        while len(poses) < count:
+            drawn = uniform_poses(4 * count, rng)
+            bright = self.light(drawn).max(axis=(1, 2)) > MIN_PEAK_COUNTS
+            poses = np.concatenate([poses, drawn[bright]])[:count]
+        return poses, self._model.read(self.light(poses), rng)
+
+
+def measure_lamps(files: Sequence[Path], count: int, seed: int) -> Iterator[dict[str, Any]]:
+    """Yield the figures of each lamp by a Gaussian and by the Gaussians of its file."""
+    for path in files:
+        lamp = read(path)
+        row: dict[str, Any] = {"lamp": path.stem, "half_width_deg": lamp.half_width_deg}
+        row["gaussian_rms"] = gaussian_rms(lamp)
+        half = lamp.half_width_deg
+        beams = {"one Gaussian": {"beam_sigma_deg": half / np.sqrt(2 * np.log(2))}}
+        row["file_rms"] = None
+        try:
+            beam = fitted(lamp)
+        except ValueError as error:
+            row["refusal"] = str(error)
+        else:
+            row |= {"file_rms": beam.rms, "planes_rms": beam.planes_rms}
+            beams["its file"] = beam.settings()
+        row["scenes"] = {
+            name: _poses_by(scene_of(settings), lamp, count, seed, f"{path.stem}, {name}")
+            for name, settings in beams.items()
+        }
+        yield plain(row)
+
+
+def _poses_by(scene: Scene, lamp: Photometry, count: int, seed: int, what: str) -> dict[str, Any]:
+    """Return how a scene is calibrated on a drive, and its poses before and after."""
+    rng, model = np.random.default_rng(seed), ForwardModel(scene)
+    truth = MeasuredLamp(lamp, model)
+    places, images = truth.lit(DRIVE_IMAGES, rng)
+    found = calibrate(scene, images, places)
+    poses, seen = truth.lit(count, rng)
+    result: dict[str, Any] = {"misfit": found.misfit, "refusal": found.refusal}
+    scenes = {"as_bought": scene}
+    if not found.refusal:
+        scenes["calibrated"] = found.scene
+    for name, each in scenes.items():
+        result[name] = errors_of(Estimator(each).wait(), model, poses, seen, what).summary()
+    return result
+
+
+def report_lamps(rows: Sequence[dict[str, Any]], count: int) -> str:
+    """Return the figures of lamps as tables."""
+    head = ["lamp", "half-width (deg)", "one Gaussian", "its file", "planes"]
+    beams = [head]
+    table = [
+        ["lamp", "beam of the scene", "misfit", "known", "answered", "beyond 6 sigma", "NEES",
+         "range (m)", "across (m)"]
+    ]  # fmt: skip
+    for row in rows:
+        fit = "refused" if row["file_rms"] is None else f"{row['file_rms']:.1f}"
+        apart = f"{row['planes_rms']:.0f}" if "planes_rms" in row else "-"
+        half = f"{row['half_width_deg']:.1f}"
+        beams.append([row["lamp"], half, f"{row['gaussian_rms']:.1f}", fit, apart])
+        for beam, result in row["scenes"].items():
+            for known in ("as_bought", "calibrated"):
+                first = [row["lamp"], beam, f"{result['misfit']:.2f}", known]
+                if known in result:
+                    of = result[known]
+                    table.append(
+                        [
+                            *first,
+                            f"{of['answered']} of {count}",
+                            str(of["beyond_6_sigma"]),
+                            "-" if of["nees_mean"] is None else f"{of['nees_mean']:.3g}",
+                            f"{of['rms_range_m'] or np.nan:.3g}",
+                            f"{of['rms_across_m'] or np.nan:.3g}",
+                        ]
+                    )
+                else:
+                    table.append([*first, "refused", *["-"] * 4])
+    return (
+        "beams: rms of 1000 on the axis, out to 2.2 half-widths\n"
+        f"{columns(beams)}\n\nposes in clear water, by light as it was measured\n"
+        f"{columns(table, 2)}"
+    )

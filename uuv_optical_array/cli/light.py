@@ -44,11 +44,13 @@ class Light(NamedTuple):
     - recording: with nan where a part of a pose is not known.
     - stds: of its poses, m and rad, ``(m, 5)``; nan as there.
     - layout: of the detectors; ``None``: they are those of the scene.
+    - timed: whether its images have times; those of a table without are numbered.
     """
 
     recording: Recording
     stds: Array
     layout: Layout | None
+    timed: bool
 
 
 def add_tables(parser: argparse.ArgumentParser) -> None:
@@ -110,7 +112,7 @@ def read_light(args: argparse.Namespace, scene: Scene, poses_needed: bool = True
                 "need one zero, to a second or so"
             )
         recording = recording.only(told, f"images at no time of {args.trajectory.name}")
-    return Light(recording, told_of(columns, len(recording.images)).stds, layout)
+    return Light(recording, told_of(columns, len(recording.images)).stds, layout, timed)
 
 
 def with_known(light: Light, known: Mapping[str, float]) -> Light:
@@ -132,10 +134,11 @@ def with_known(light: Light, known: Mapping[str, float]) -> Light:
     )
 
 
-def with_starts(light: Light, scene: Scene, parts: Sequence[str]) -> Light:
-    """Return light whose unknown parts of poses have starts, by the scene as if it were as bought.
+def with_starts(light: Light, scene: Scene, parts: Sequence[str]) -> tuple[Light, Array]:
+    """Return light, and poses with starts of the `parts` that are unknown, ``(m, 5)``.
 
-    Images without one are left out, and counted.
+    They are found by the scene as if it were as bought; images without one are left out, and
+    counted. In the recording these parts stay nan.
     """
     settings = (light.layout.scene if light.layout else scene).settings()
     settings["prior"] = {"known": "as_bought"}
@@ -158,7 +161,8 @@ def with_starts(light: Light, scene: Scene, parts: Sequence[str]) -> Light:
         )
     )
     reasons = [each.reason for each in found]
-    poses[:, free] = np.array([each.pose for each in found])[:, free]
+    starts = poses.copy()
+    starts[:, free] = np.array([each.pose for each in found])[:, free]
     stds[:, free] = UNKNOWN_STD
     kept = np.array([not each.reason for each in found])
     if not kept.any():
@@ -168,7 +172,7 @@ def with_starts(light: Light, scene: Scene, parts: Sequence[str]) -> Light:
         )
     why = f"no start of {', '.join(parts)}, such as {next(filter(None, reasons), '')}"
     recording = dataclasses.replace(recording, poses=poses).only(kept, why)
-    return light._replace(recording=recording, stds=stds[kept])
+    return light._replace(recording=recording, stds=stds[kept]), starts[kept]
 
 
 def _read(

@@ -127,16 +127,19 @@ def report(
     start: str,
     at: str = "",
     names: Sequence[str] = (),
+    timed: bool = True,
 ) -> str:
     """Return the fitted values and how well the model agrees, as text.
 
-    `at` says at which places, if they were measured; `names` are those of detectors in a layout.
+    `at` says at which places, if they were measured; `names` are those of detectors in a layout;
+    `timed` whether the images have times.
     """
     seconds, poses = recording.seconds, recording.poses
     ranges = np.linalg.norm(poses[:, :3], axis=1)
     off = np.degrees(np.arctan2(np.linalg.norm(poses[:, 1:3], axis=1), -poses[:, 0]))
     lines = [
-        f"{light.kind_of(path)} {path}: {len(seconds)} images in {np.ptp(seconds):.1f} s{at}, "
+        f"{light.kind_of(path)} {path}: {len(seconds)} images"
+        f"{f' in {np.ptp(seconds):.1f} s' * timed}{at}, "
         f"base_link {ranges.min():.2f} to {ranges.max():.2f} m from the lamp, up to "
         f"{off.max():.1f} deg off its axis",
         *(f"  {line}" for line in recording.left_out),
@@ -272,16 +275,18 @@ def run(args: argparse.Namespace) -> int:
         if table is not None:
             told = light.read_light(args, scene, poses_needed=False)
             recording, pose_std, places = with_places(told.recording, table)
+            starts = recording.poses
         else:
             (told, open_parts), places = _told(args, scene), None
+            starts = told.recording.poses
             if open_parts:
-                told = light.with_starts(told, scene, open_parts)
+                told, starts = light.with_starts(told, scene, open_parts)
             recording = told.recording
             pose_std = np.where(np.isnan(told.stds), np.maximum(stds, LEAST_STD), told.stds)
         layout = told.layout
         start = layout.scene if layout else scene
         exact = places is None and (pose_std <= LEAST_STD).all()
-        stamps, starts = recording.stamps_ns, recording.poses
+        stamps = recording.stamps_ns
 
         def fitted(moved: Recording) -> Calibration:
             here = _fill(moved, stamps, starts)
@@ -321,7 +326,7 @@ def run(args: argparse.Namespace) -> int:
             written.append(gains)
     measured = "" if places is None else f" at {int(places.max()) + 1} places"
     names = layout.detectors.names if layout else ()
-    lines = [report(result, recording, path, scene.name, measured, names)]
+    lines = [report(result, recording, path, scene.name, measured, names, told.timed)]
     if clock:
         lines.append(clock.text())
     lines += [

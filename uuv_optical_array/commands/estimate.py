@@ -116,7 +116,7 @@ def _by_layout(
 ) -> Generator[Answer, None, None]:
     """Yield the answers to readings of detectors in any layout, or of poses that are known."""
     values = {name: value for name, value in known.items() if value is not None}
-    recording, stds, _ = light.with_known(told, values)
+    recording, stds, *_ = light.with_known(told, values)
     parts = [i for i, name in enumerate(POSE) if name in known]
     given = np.full(recording.poses.shape, np.nan)
     given[:, parts] = recording.poses[:, parts]

@@ -49,7 +49,7 @@ def positions(room: Room, lamps: Sequence[Lamp]) -> Array:
     effects = {
         "attenuation": {"k_per_m": 0.0},
         "sensor_noise": {"sigma_counts": float(noise[:, 0].max())},
-        "demodulation": {"waveform": "square"},
+        "demodulation": {"waveform": "square", "pedestal_counts": 0.0},
     }
     prior = {
         "known": "calibrated",

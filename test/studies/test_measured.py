@@ -1,0 +1,147 @@
+"""``uuv_array study measured`` on light that was made up here, without the package's laws."""
+
+import re
+
+import numpy as np
+import pytest
+from command_line import json_of, run
+
+from uuv_optical_array.studies import measured_poses
+from uuv_optical_array.studies.measured_poses import positions, virtual_array
+from uuv_optical_array.studies.measured_report import report_room
+from uuv_optical_array.studies.measured_room import FULL, HEIGHT_M, LAMPS, Room, lamp_of, read_room
+
+PLACES = np.array([[6.0, 3.0], [6.0, 1.0], [3.4, 2.9], [3.5, 1.0]])
+POWERS, SIGMAS_DEG = [5000.0, 4500.0, 4000.0, 3000.0], [50.0, 55.0, 60.0, 65.0]
+FLOORS = [40.0, 10.0, 20.0, 30.0]
+NOISE, SHARE = 5.0, 0.01
+
+
+def readings_of(places, rng):
+    """Return readings below each lamp: inverse square, Lambert at the photodiode, and a floor."""
+    columns = []
+    for place, power, sigma, floor in zip(PLACES, POWERS, SIGMAS_DEG, FLOORS, strict=True):
+        square = ((places - place) ** 2).sum(axis=1) + HEIGHT_M**2
+        cosine = HEIGHT_M / np.sqrt(square)
+        light = (
+            power / square * cosine * np.exp(-0.5 * (np.arccos(cosine) / np.radians(sigma)) ** 2)
+        )
+        noise = np.hypot(NOISE, SHARE * light) * rng.standard_normal(len(places))
+        columns.append(light + floor + noise)
+    return np.column_stack(columns)
+
+
+def room_of(count, seed):
+    rng = np.random.default_rng(seed)
+    places = rng.uniform([2.3, 0.3], [6.4, 3.6], (count, 2))
+    return Room(np.full(count, 1.0), places, readings_of(places, rng))
+
+
+@pytest.fixture(scope="module")
+def lamps():
+    learn = room_of(400, 1)
+    return [lamp_of(learn, i) for i in range(LAMPS)]
+
+
+def test_place_floor_and_noise_of_each_lamp_are_found(lamps):
+    for i, lamp in enumerate(lamps):
+        np.testing.assert_allclose(lamp.place, PLACES[i], atol=0.05)
+        assert lamp.floor == pytest.approx(FLOORS[i], abs=12)
+        assert not lamp.found.refusal
+        assert lamp.found.parameters[0].value == pytest.approx(POWERS[i], rel=0.03)
+        assert lamp.found.parameters[1].value == pytest.approx(SIGMAS_DEG[i], rel=0.15)
+        assert lamp.noise[0] == pytest.approx(NOISE, rel=0.5)
+        assert np.abs(lamp.off[:3]).max() < 0.02
+
+
+def test_places_are_found_within_their_errors(lamps):
+    room = room_of(60, 2)
+    errors, stds = np.moveaxis(positions(room, lamps), 1, 0)
+    assert np.isfinite(errors).all()
+    squares = ((errors / stds) ** 2).sum(axis=1)
+    # Its prior leaves more unknown than is: below the chi-square of 2, and not far below it.
+    assert 0.02 < squares.mean() < 2 + 5 * np.sqrt(4 / 60)
+    assert np.median(np.linalg.norm(errors, axis=1)) < 0.1
+
+
+def test_a_virtual_array_has_poses_of_the_readings_it_is_made_of(lamps, monkeypatch):
+    monkeypatch.setattr(measured_poses, "CENTRES", 3)
+    monkeypatch.setattr(measured_poses, "ABOUT_M", 0.2)
+    found = virtual_array(room_of(900, 3), lamps[2], 2, "calibrated")
+    assert 5 <= found["centres"] <= 9  # those in the middle of places
+    assert found["centres"] == found["answered"] == found["level"]["answered"]
+    assert found["beyond_6_sigma"] == found["level"]["beyond_6_sigma"] == 0
+    # A level array tells a shift from a turn.
+    assert found["level"]["rms_across_m"] < 0.08
+    assert found["level"]["rms_across_m"] < 0.5 * found["rms_across_m"]
+
+
+def test_a_room_is_read_in_counts(tmp_path):
+    path = tmp_path / "places_rss.csv"
+    path.write_text(
+        "# a room\nrun,x,y,a,b,c,d,e\n0,1,2,0.1,0.2,0.3,0.4,9\n5,3,4,0.5,0.6,0.7,0.8,9\n"
+    )
+    room = read_room(path)
+    np.testing.assert_array_equal(room.runs, [0, 5])
+    np.testing.assert_array_equal(room.places, [[1, 2], [3, 4]])
+    np.testing.assert_allclose(room.readings[1], FULL * np.array([0.5, 0.6, 0.7, 0.8]))
+    assert len(room.of((5,)).runs) == 1
+    path.write_text("run,x,y\n0,1,2\n")
+    with pytest.raises(ValueError, match="give run, x, y and the readings of 4 lamps"):
+        read_room(path)
+
+
+def ies(path, intensity):
+    angles = np.arange(0, 90.5, 0.5)
+    numbers = " ".join(f"{angle:g}" for angle in angles), "0"
+    table = " ".join(f"{value:.6g}" for value in 1000 * intensity(angles))
+    head = f"IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 {len(angles)} 1 1 2 0 0 0\n1 1 10\n"
+    path.write_text(head + "\n".join([*numbers, table, ""]))
+
+
+def test_a_lamp_is_tried_by_a_gaussian_and_by_its_file(tmp_path):
+    """A beam of two Gaussians: its file is explained, one Gaussian is off as it is by scipy."""
+
+    def beam(angle):
+        return 0.7 * np.exp(-0.5 * (angle / 6) ** 2) + 0.3 * np.exp(-0.5 * (angle / 16) ** 2)
+
+    ies(tmp_path / "lamp.ies", beam)
+    found = json_of(run, "study", "measured", tmp_path, "--poses", "20")
+    (lamp,) = found["lamps"]
+    assert lamp["file_rms"] < 0.3
+    half = lamp["half_width_deg"]
+    assert beam(half) == pytest.approx(0.5, abs=2e-3)
+    # The best Gaussian by a search of our own, weighted by the solid angle.
+    angles = np.linspace(0, 2.2 * half, 2000)
+    weight = np.sin(np.radians(angles)) / np.sin(np.radians(angles)).sum()
+    sigmas = np.linspace(3, 20, 400)[:, None]
+    shapes = np.exp(-0.5 * (angles / sigmas) ** 2)
+    scale = (weight * shapes * beam(angles)).sum(1) / (weight * shapes**2).sum(1)
+    off = (weight * (scale[:, None] * shapes - beam(angles)) ** 2).sum(1)
+    assert lamp["gaussian_rms"] == pytest.approx(1000 * np.sqrt(off.min()), rel=0.02)
+    ours = lamp["scenes"]["its file"]
+    assert not ours["refusal"]
+    assert ours["misfit"] < 1.2
+    assert ours["calibrated"]["answered"] == 20
+    assert lamp["scenes"]["one Gaussian"]["misfit"] > 2
+
+
+def test_a_folder_without_light_is_refused(tmp_path):
+    told = run("study", "measured", tmp_path, code=2)
+    assert "it has no .ies or .ldt file and no places_rss.csv" in told
+    told = run("study", "measured", tmp_path / "no", code=2)
+    assert "there is none; name one of measured light" in told
+
+
+def test_a_room_is_reported(lamps):
+    of = {"answered": 3, "beyond_6_sigma": 0, "nees_mean": 1.5, "rms_range_m": 0.1}
+    of |= {"rms_across_m": 0.2, "rms_angle_deg": 3.0}
+    lamp = {"place_m": [1.0, 2.0], "floor_counts": 3.0, "sigma_deg": 50.0, "noise_counts": 7.0}
+    lamp |= {"noise_share": 0.02, "residuals": [0.0, 0.01, -0.01, 0.02]}
+    places = {"places": 5, "answered": 4, "beyond_6_sigma": 1, "nees_mean": 1.2}
+    places |= {"median_m": 0.15, "p95_m": 0.4}
+    array = {"lamp": 0, "known": "calibrated", "centres": 4, **of, "level": of}
+    text = report_room({"lamps": [lamp], "places": {"clear": places}, "arrays": [array]})
+    assert re.search("clear +4 of 5 +1 +1.2 of 2 +0.15 +0.4\n", text)
+    assert re.search("0 +calibrated +3 of 4 +0 +1.5 of 5 +0.1 +0.2 +3\n", text)
+    assert re.search("0 +calibrated, level +3 of 4 +0 +1.5 of 3 +0.1 +0.2 +-$", text)

@@ -46,7 +46,7 @@ def test_what_one_detector_cannot_tell_is_named():
     image = np.zeros((2, 2))
     image[0, 0] = 500.0
     found = fit.one(image, np.array([np.nan, np.nan, 0, 0, 0]), EXACT, 0.0)
-    assert found.reason
+    assert found.reason.startswith("not told by these detectors: y to ")
     assert np.isnan(found.pose).all()
     dark = fit.one(np.zeros((2, 2)), np.array([np.nan, 0, 0, 0, 0]), EXACT, 0.0)
     assert dark.reason == "no light: the brightest detector reads 0"

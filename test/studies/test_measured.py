@@ -5,7 +5,10 @@ import re
 import numpy as np
 import pytest
 from command_line import json_of, run
+from pages import ROOT
 
+from uuv_optical_array.forward.prior import PRIORS
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies import measured_poses
 from uuv_optical_array.studies.measured_poses import positions, virtual_array
 from uuv_optical_array.studies.measured_report import report_room
@@ -145,3 +148,21 @@ def test_a_room_is_reported(lamps):
     assert re.search("clear +4 of 5 +1 +1.2 of 2 +0.15 +0.4\n", text)
     assert re.search("0 +calibrated +3 of 4 +0 +1.5 of 5 +0.1 +0.2 +3\n", text)
     assert re.search("0 +calibrated, level +3 of 4 +0 +1.5 of 3 +0.1 +0.2 +-$", text)
+
+
+def test_the_waters_that_priors_cover_are_as_the_page_has_them():
+    """Three standard deviations of each set of values, about the sea of each scene."""
+    page = (ROOT / "docs/results/measured.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \| (.*) \|$", page, re.MULTILINE)
+    assert rows[0][0] == "blue_ocean"
+    for name, cells in rows:
+        sea = load_scene(name).effects["sea"]
+        a, b = sea["absorption_per_m"], sea["scattering_per_m"]
+        wanted = [[a], [b]]
+        for known in ("calibrated", "as_bought"):
+            wide = 3 * PRIORS[known]["absorption_std_per_m"]
+            factor = np.exp(3 * PRIORS[known]["scattering_std"])
+            wanted += [[max(a - wide, 0.0), a + wide], [b / factor, b * factor]]
+        found = [[float(x) for x in cell.split(" to ")] for cell in cells.split(" | ")]
+        for given, expected in zip(found, wanted, strict=True):
+            assert given == pytest.approx(expected, rel=0.06, abs=5e-4), name

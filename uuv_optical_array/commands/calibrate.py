@@ -3,8 +3,9 @@
 Fit lamp (power and beam width; of several lamps the power, place and axis of each), water
 (absorption and scattering, or K), array (response, radius of the sphere, gains), aim of lamp and
 array, and background, which demodulation removes, to a recorded bag, and write the scene. Poses are
-known from both odometries, or from a table of places measured on a rail. Each value is printed with
-its standard error. What is not determined keeps its value and is named, with what to record for it.
+known from both odometries, or from tables: of places measured on a rail, or of poses by time, from
+whose clock the offset of the images' is fitted, as from that of odometries. In place of a bag a
+table of readings of any detectors will do. Each value is printed with its standard error. What is not determined keeps its value and is named, with what to record for it.
 Power and mean gain are one product, so the geometric mean of the gains is 1; that of several lamps'
 powers stays. Where residuals show that the model is wrong, no scene is written; the exit code is 1.
 
@@ -14,7 +15,9 @@ powers stays. Where residuals show that the model is wrong, no scene is written;
   uuv_array calibrate sea --set position_std_m=0.02 --set attitude_std_deg=0.5
   uuv_array calibrate sea --noise                  fit the noise too
   uuv_array calibrate tank --places places.csv     measured places instead of odometry
-The table has the columns image (from 0 on) or time_s (after the first image); x_m, y_m, z_m,
+  uuv_array calibrate rail.csv --detectors one.csv --known z_m=0 --known pitch_deg=0 --known yaw_deg=0
+                                                   one detector on a rail (see the tutorial)
+The table of places has the columns image (from 0 on) or time_s (after the first image); x_m, y_m, z_m,
 pitch_deg, yaw_deg of base_link in beacon; x_std_m, y_std_m, z_std_m, pitch_std_deg, yaw_std_deg;
 and perhaps last_image or until_s, whose images share a place and its error, and roll_deg.
 Needs rosbags and mcap (pip install rosbags mcap), but no ROS.

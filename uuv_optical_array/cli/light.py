@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uuv_optical_array.calibration.likelihood import UNKNOWN_STD
 from uuv_optical_array.cli import bag, options, progress
@@ -132,6 +133,30 @@ def with_known(light: Light, known: Mapping[str, float]) -> Light:
     return light._replace(
         recording=recording, stds=np.where(np.isnan(told.stds), light.stds, told.stds)
     )
+
+
+def filled(recording: Recording, stamps_ns: NDArray[np.int64], starts: Array) -> Recording:
+    """Return a recording whose unknown parts are the starts, which were found for all stamps."""
+    own = starts[np.searchsorted(stamps_ns, recording.stamps_ns)]
+    poses = np.where(np.isnan(recording.poses), own, recording.poses)
+    return dataclasses.replace(recording, poses=poses)
+
+
+def read_known(args: argparse.Namespace, scene: Scene) -> tuple[Light, list[str]]:
+    """Return what tables, or a bag, tell, and the parts of poses that they are to leave open."""
+    told, known = read_light(args, scene), dict(args.known)
+    if missing := [name for name, value in known.items() if value is None]:
+        raise options.OptionError(f"--known {missing[0]}: no value; give {missing[0]}=VALUE")
+    told = with_known(told, known)
+    lacking = np.isnan(told.recording.poses)
+    for i, name in enumerate(POSE):
+        if lacking[:, i].any() and name not in args.unknown:
+            rows = f"{lacking[:, i].sum()} of {len(lacking)} places"
+            raise ValueError(
+                f"{name}: not told of {rows}; add a column, or --known {name}=VALUE where it is "
+                f"the same throughout, or --unknown {name} where the light has to tell it"
+            )
+    return told, [name for name in POSE if name in args.unknown]
 
 
 def with_starts(light: Light, scene: Scene, parts: Sequence[str]) -> tuple[Light, Array]:

@@ -3,11 +3,12 @@
 Fit lamp (power and beam width; of several lamps the power, place and axis of each), water
 (absorption and scattering, or K), array (response, radius of the sphere, gains), aim of lamp and
 array, and background, which demodulation removes, to a recorded bag, and write the scene. Poses are
-known from both odometries, or from tables: of places measured on a rail, or of poses by time, from
-whose clock the offset of the images' is fitted, as from that of odometries. In place of a bag a
-table of readings of any detectors will do. Each value is printed with its standard error. What is not determined keeps its value and is named, with what to record for it.
-Power and mean gain are one product, so the geometric mean of the gains is 1; that of several lamps'
-powers stays. Where residuals show that the model is wrong, no scene is written; the exit code is 1.
+known from both odometries, or from tables: of places measured on a rail, or of poses by time. How
+far the clock of odometries or poses is off that of the images is fitted. In place of a bag a table
+of readings of any detectors will do. Each value is printed with its standard error. What is not
+determined keeps its value and is named, with what to record for it. Power and mean gain are one
+product, so the geometric mean of the gains is 1; that of several lamps' powers stays. Where
+residuals show that the model is wrong, no scene is written; the exit code is 1.
 
   ros2 bag record -o sea /array/image /leader/odometry /follower/odometry
   uuv_array calibrate sea --scene follow -o sea.yaml --picture residuals.png
@@ -15,11 +16,13 @@ powers stays. Where residuals show that the model is wrong, no scene is written;
   uuv_array calibrate sea --set position_std_m=0.02 --set attitude_std_deg=0.5
   uuv_array calibrate sea --noise                  fit the noise too
   uuv_array calibrate tank --places places.csv     measured places instead of odometry
-  uuv_array calibrate rail.csv --detectors one.csv --known z_m=0 --known pitch_deg=0 --known yaw_deg=0
-                                                   one detector on a rail (see the tutorial)
-The table of places has the columns image (from 0 on) or time_s (after the first image); x_m, y_m, z_m,
-pitch_deg, yaw_deg of base_link in beacon; x_std_m, y_std_m, z_std_m, pitch_std_deg, yaw_std_deg;
-and perhaps last_image or until_s, whose images share a place and its error, and roll_deg.
+  uuv_array calibrate rail.csv --detectors one.csv --known z_m=0      one detector on a rail, as a
+                                                   table; its other columns are known, too
+  uuv_array calibrate sea.csv --trajectory mocap.csv   readings, and poses by time
+The table of places has the columns image (from 0 on) or time_s (after the first image); x_m, y_m,
+z_m, pitch_deg, yaw_deg of base_link in beacon; x_std_m, y_std_m, z_std_m, pitch_std_deg,
+yaw_std_deg; and perhaps last_image or until_s, whose images share a place and its error, and
+roll_deg. docs/tutorials/own_light.md tells of the other tables.
 Needs rosbags and mcap (pip install rosbags mcap), but no ROS.
 """
 
@@ -36,11 +39,10 @@ from numpy.typing import NDArray
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
 from uuv_optical_array.calibration.clock import Clock, synchronised
 from uuv_optical_array.cli import bag, light, options, outputs, progress
-from uuv_optical_array.cli.light import Light
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.forward.scene import Scene, save_scene
+from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
 from uuv_optical_array.layouts.detectors import on_array_of, write_detectors
 from uuv_optical_array.plots.style import array_image, new_figure, save
@@ -231,30 +233,6 @@ def draw_calibration(result: Calibration, recording: Recording, title: str) -> A
     return figure
 
 
-def _fill(recording: Recording, stamps_ns: NDArray[np.int64], starts: Array) -> Recording:
-    """Return a recording whose unknown parts are the starts, which were found for all stamps."""
-    own = starts[np.searchsorted(stamps_ns, recording.stamps_ns)]
-    poses = np.where(np.isnan(recording.poses), own, recording.poses)
-    return dataclasses.replace(recording, poses=poses)
-
-
-def _told(args: argparse.Namespace, scene: Scene) -> tuple[Light, list[str]]:
-    """Return what tables, or a bag, tell, and the parts of poses that they are to leave open."""
-    told, known = light.read_light(args, scene), dict(args.known)
-    if missing := [name for name, value in known.items() if value is None]:
-        raise options.OptionError(f"--known {missing[0]}: no value; give {missing[0]}=VALUE")
-    told = light.with_known(told, known)
-    lacking = np.isnan(told.recording.poses)
-    for i, name in enumerate(POSE):
-        if lacking[:, i].any() and name not in args.unknown:
-            rows = f"{lacking[:, i].sum()} of {len(lacking)} places"
-            raise ValueError(
-                f"{name}: not told of {rows}; add a column, or --known {name}=VALUE where it is "
-                f"the same throughout, or --unknown {name} where the light has to tell it"
-            )
-    return told, [name for name in POSE if name in args.unknown]
-
-
 def run(args: argparse.Namespace) -> int:
     """Read bag or tables, fit, print and write."""
     settings = dict(args.set)
@@ -280,7 +258,7 @@ def run(args: argparse.Namespace) -> int:
             recording, pose_std, places = with_places(told.recording, table)
             starts = recording.poses
         else:
-            (told, open_parts), places = _told(args, scene), None
+            (told, open_parts), places = light.read_known(args, scene), None
             starts = told.recording.poses
             if open_parts:
                 told, starts = light.with_starts(told, scene, open_parts)
@@ -292,7 +270,7 @@ def run(args: argparse.Namespace) -> int:
         stamps = recording.stamps_ns
 
         def fitted(moved: Recording) -> Calibration:
-            here = _fill(moved, stamps, starts)
+            here = light.filled(moved, stamps, starts)
             own = pose_std[np.searchsorted(stamps, here.stamps_ns)]
             return calibrate(
                 start,
@@ -313,7 +291,7 @@ def run(args: argparse.Namespace) -> int:
                 result, clock = fitted(recording), None
             else:
                 recording, result, clock = synchronised(recording, fitted)
-                recording = _fill(recording, stamps, starts)
+                recording = light.filled(recording, stamps, starts)
     except KeyboardInterrupt:
         print("interrupted: nothing was written")
         return options.INTERRUPTED

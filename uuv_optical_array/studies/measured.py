@@ -8,6 +8,7 @@ Lamps of the room are calibrated by one run, and places of others are estimated,
 virtual array whose readings are interpolated.
 
   uuv_array study measured light              the folder of both
+  uuv_array study measured light --poses 1000   more poses behind each lamp
   uuv_array study measured light --json       one JSON object
 The package has no such files; docs/results/measured.md says where those of its figures are from.
 """

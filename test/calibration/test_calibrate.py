@@ -154,6 +154,23 @@ def test_a_bag_whose_images_are_late_is_calibrated_at_their_times(tmp_path):
     assert "ms late, which was taken into account (time_offset_s=-0.0" in text
 
 
+def test_a_bag_is_calibrated_by_a_table_of_poses_in_place_of_odometries(bag, tmp_path):
+    seconds = np.arange(1.0, 1.3 + SECONDS, 0.02)
+    told = [(*pose[:3], *np.degrees([*pose[3:], roll])) for pose, roll in map(relative_at, seconds)]
+    rows = [",".join(f"{x:.9g}" for x in (t, *row)) for t, row in zip(seconds, told, strict=True)]
+    head = "time_s,x_m,y_m,z_m,pitch_deg,yaw_deg,roll_deg"
+    table = tmp_path / "mocap.csv"
+    table.write_text("\n".join([head, *rows, ""]))
+    found = json_of(run, *command(bag, tmp_path, "--noise", "--trajectory", table))
+    assert found["images"] == SECONDS * RATE_HZ
+    assert not found["clock"]["applied"]
+    for name, value in truth_of(SEA)[0].items():
+        fit = found["parameters"][name]
+        assert abs(fit["fitted"] - value) < 4 * fit["std_error"], name
+    refused = run(*command(bag, tmp_path, "--detectors", table), code=2)
+    assert "is no table of readings; a bag has images of the scene's array" in refused
+
+
 def test_a_namespaced_stack_in_ned_axes_is_read_by_its_topics(tmp_path):
     ned = messages_of(4, Rotation.from_euler("X", np.pi))
     messages = [("/rov" + topic, data) for topic, data in ned]

@@ -72,7 +72,7 @@ def sphere():
 
 
 def test_a_sphere_as_a_layout_has_the_poses_of_the_estimator(sphere):
-    """Both are the most probable pose of the same prior, where all light is even, and no sphere flatter."""
+    """Both are the most probable pose of the same prior: of even light, and a sphere as drawn."""
     scene, _, images = sphere
     scene = with_prior(scene, uneven_probability=0.0, radius_std=0.0)
     fit, estimator = fit_of(scene, of_scene(scene)), Estimator(scene, compiled=False)

@@ -36,6 +36,7 @@ from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.places import LEAST_STD, POSE
 
 UNIT = Quantity("of a reading in the table of readings, in its unit", "counts", 1e-9, 1e9)
+LEAST_COUNTS = 10.0  # of the brightest reading; a lamp's reference is 1 at least
 SETTINGS = {"counts_per_unit": Setting(float, UNIT, 1.0, optional=False)}
 
 
@@ -133,6 +134,16 @@ def with_known(light: Light, known: Mapping[str, float]) -> Light:
     return light._replace(
         recording=recording, stds=np.where(np.isnan(told.stds), light.stds, told.stds)
     )
+
+
+def check_bright(args: argparse.Namespace, recording: Recording) -> None:
+    """Raise ValueError for a table whose readings are too few counts for a lamp of a scene."""
+    if is_table(args.bag) and (brightest := recording.images.max()) < LEAST_COUNTS:
+        raise ValueError(
+            f"{args.bag}: the brightest reading is {brightest:g} counts; a scene needs "
+            f"{LEAST_COUNTS:g} at least, so set counts_per_unit, with the scene's noise in these "
+            "counts"
+        )
 
 
 def filled(recording: Recording, stamps_ns: NDArray[np.int64], starts: Array) -> Recording:

@@ -264,6 +264,7 @@ def run(args: argparse.Namespace) -> int:
                 told, starts = light.with_starts(told, scene, open_parts)
             recording = told.recording
             pose_std = np.where(np.isnan(told.stds), np.maximum(stds, LEAST_STD), told.stds)
+        light.check_bright(args, recording)
         layout = told.layout
         start = layout.scene if layout else scene
         exact = places is None and (pose_std <= LEAST_STD).all()

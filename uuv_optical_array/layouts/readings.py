@@ -113,7 +113,10 @@ def told_of(columns: Mapping[str, Array], count: int) -> Told:
 
 
 def recording_of(table: Table, layout: Layout, counts_per_unit: float) -> Recording:
-    """Return readings as images of a layout's grid, with the poses of their own table."""
+    """Return readings as images of a layout's grid, with the poses of their own table.
+
+    ValueError for readings beyond full scale, as of a unit that is not the scene's.
+    """
     told = told_of(table.told, len(table.seconds))
     readings = table.readings * counts_per_unit
     full = layout.scene.full_scale_counts

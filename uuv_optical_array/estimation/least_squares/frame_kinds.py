@@ -7,6 +7,7 @@ a posterior of its own, and together they are weighed by their evidence. By seve
 them may also be off by itself.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -114,10 +115,9 @@ def mixture(
     odds = {i: math.exp(evidence[i] - evidence[best]) for i in fitted}
     whole = sum(odds.values())
     shares = [odds.get(i, 0.0) / whole for i in range(len(frames))]
-    pose, covariance = np.zeros_like(frames[best].pose), np.zeros_like(frames[best].covariance)
-    for i in fitted:
-        pose += shares[i] * frames[i].pose
-    for i in fitted:
-        off = frames[i].pose - pose
-        covariance += shares[i] * (frames[i].covariance + off[:, None] * off)
+    pose = functools.reduce(np.add, [shares[i] * frames[i].pose for i in fitted])
+    offs = [(shares[i], frames[i].covariance, frames[i].pose - pose) for i in fitted]
+    covariance = functools.reduce(
+        np.add, [share * (own + off[:, None] * off) for share, own, off in offs]
+    )
     return frames[best]._replace(pose=pose, covariance=covariance), shares

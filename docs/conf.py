@@ -1,10 +1,13 @@
 """Settings of Sphinx, for ``make docs`` and for rosdoc2."""
 
 import importlib.util
+from pathlib import Path
+from xml.etree import ElementTree
 
 project = "uuv_optical_array"
+release = ElementTree.parse(Path(__file__).parents[1] / "package.xml").findtext("version")
 author = project_copyright = "uuv_optical_array developers"
-html_title = project
+html_title = f"{project} {release}"
 
 extensions = [
     "myst_parser",

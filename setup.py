@@ -68,8 +68,8 @@ setup(
             "ros-visualization-msgs",
             "transforms3d",
         ],
-        # The compiled fit.
-        "fast": ["numba"],
+        # The compiled fit. Numba 0.58.0 asks for NumPy 1.21 and does not import with it.
+        "fast": ["numba!=0.58.0"],
         # Large signature tables on disk, written by threads or a cluster.
         "cluster": CLUSTER,
         # Recorded bags.

@@ -27,7 +27,10 @@ NEEDS = {
     "nodes/bringup/test_launch.py": ("launch_ros", "launch_testing", "launch_testing_ros"),
     "forward/test_scene_schema.py": ("jsonschema",),
     "studies/test_photon_transport.py": ("numba",),
+    "examples/test_firmware.py": ("serial", "cobs"),
+    "examples/test_rehearsal.py": ("serial", "cobs"),
     "examples/test_serial_array.py": ("serial", "cobs"),
+    "view/test_guard.py": ("viser",),
     "view/test_view.py": ("viser",),
     "nodes/test_view_node.py": ("viser",),
 }

@@ -71,7 +71,7 @@ def test_one_step_is_that_of_the_damped_normal_equations():
     expected = start - np.linalg.solve(damped, matrix.T @ (matrix @ start - target))
     np.testing.assert_allclose(found.at, expected, rtol=1e-12)
     found = minimiser(evaluate, damped_step, 1e-15, 20)(None, start)
-    np.testing.assert_allclose(found.at, np.linalg.lstsq(matrix, target)[0], rtol=1e-7)
+    np.testing.assert_allclose(found.at, np.linalg.lstsq(matrix, target, rcond=None)[0], rtol=1e-7)
 
 
 STARTS = np.array([[-1.2, 1.0], [3.0, -4.0], [0.0, 0.0], [-2.0, 5.0], [1.0, 1.0], [8.0, 2.0]])

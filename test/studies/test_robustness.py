@@ -114,7 +114,9 @@ def test_the_ratio_is_that_of_the_likeliest_pose_and_constants(scene):
     # Numbers of unit variance are the unknowns; what they are is the improbability.
     whole = slopes @ block_diag(root, np.diag(list(stds.values()))) / std[:, None]
     wanted = np.append((image.ravel() - light) / std, np.zeros(whole.shape[1]))
-    _, (least,), *_ = np.linalg.lstsq(np.vstack([whole, np.eye(whole.shape[1])]), wanted)
+    _, (least,), *_ = np.linalg.lstsq(
+        np.vstack([whole, np.eye(whole.shape[1])]), wanted, rcond=None
+    )
     squares = np.sum((image - true) ** 2 / model.variance(true)[0].reshape(image.shape))
     shown = answer[None], (root @ root.T)[None], image[None], true[None]
     assert robustness.log_ratio(model, *shown)[0] == pytest.approx((least - squares) / 2, rel=1e-6)

@@ -7,19 +7,18 @@ import urllib.request
 from contextlib import suppress
 from urllib.parse import urlsplit
 
+import msgspec.msgpack  # it and websockets come with viser
 import pytest
+import viser
 from conftest import PATIENCE_S
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
 
 from uuv_optical_array.view.closed_loop import Conditions
 from uuv_optical_array.view.guard import refusal
 from uuv_optical_array.view.simulation import chosen, sliders
-
-viser = pytest.importorskip("viser", reason="the view needs the extra view")
-import msgspec.msgpack  # noqa: E402  # these come with viser
-from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
-from websockets.sync.client import connect  # noqa: E402
 
 CAMERA = {
     **{"type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "fov": 1.0},

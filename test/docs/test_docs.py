@@ -86,3 +86,11 @@ def test_no_line_break_in_code_makes_a_list(page):
 
 def test_the_readme_has_less_than_a_thousand_words():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) < 1000
+
+
+def test_what_the_limits_quote_stands_on_the_pages_that_they_name():
+    page = ROOT / "docs" / "explanation" / "limits.md"
+    rows = re.findall(r"\| `([^`]+)` \| \[\w+\]\(([^)#]+)", page.read_text(encoding="utf-8"))
+    assert len(rows) > 10
+    for quoted, link in rows:
+        assert quoted in " ".join((page.parent / link).read_text(encoding="utf-8").split())

@@ -94,3 +94,19 @@ def test_what_the_limits_quote_stands_on_the_pages_that_they_name():
     assert len(rows) > 10
     for quoted, link in rows:
         assert quoted in " ".join((page.parent / link).read_text(encoding="utf-8").split())
+
+
+def test_what_shows_a_physical_cause_and_what_tries_it_are_there():
+    page = (ROOT / "docs" / "how_to" / "physical_causes.md").read_text(encoding="utf-8")
+    texts = {
+        name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+        for name in ("reference/diagnostics", "reference/mismatches", "glossary")
+    }
+    rows = [line.split(" | ") for line in page.splitlines() if line.startswith("| ")]
+    rows = [row for row in rows if len(row) == 4 and "cause" not in row[0]]
+    assert len(rows) > 20
+    for _, shows, tried, _ in rows:
+        for word in re.findall(r"`([^`]+)`", shows):
+            assert word in texts["reference/diagnostics"] + texts["glossary"], word
+        for word in re.findall(r"`([^`]+)`", tried):
+            assert f"`{word}`" in texts["reference/mismatches"], word

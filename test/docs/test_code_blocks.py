@@ -1,6 +1,7 @@
 """What the documents show in blocks of code would be taken by what it is shown for."""
 
 import itertools
+import re
 import shlex
 
 import numpy as np
@@ -68,6 +69,22 @@ def check_yaml(block, folder):
         for key, value in group.get("ros__parameters", {}).items():
             if node in PARAMETERS:
                 PARAMETERS[node][key].check(key, value)
+
+
+def numbers(text):
+    """Return the numbers of a text."""
+    return [float(number) for number in re.findall(r"-?\d+\.\d*", text)]
+
+
+def test_the_readme_shows_what_its_snippet_prints(monkeypatch, capsys):
+    """Each in the last place that it shows, as the estimate of an image may change by less."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (found,) = re.finditer(r"```python\n(.*?)```\n\n```text\n(.*?)```", text, re.DOTALL)
+    monkeypatch.setattr(estimator, "fit_compiler", lambda: None)  # not worth it here
+    exec(found[1], {})
+    printed = capsys.readouterr().out
+    assert len(numbers(printed)) == 15
+    np.testing.assert_allclose(numbers(found[2]), numbers(printed), atol=0.0101)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -14,6 +14,7 @@ An editor with a YAML language server completes and checks a scene by the schema
 says: # yaml-language-server: $schema=scene.schema.json
 The reach is the span of ranges, within 0.5 to 25 m, at which the Cramer-Rao bound of one image of
 the aligned array is at most 0.2 m and 10 deg, with all that the scene's prior leaves uncertain.
+Beyond it a pose errs by more, and its covariance says so, as far as the table of the scene.
 """
 
 import argparse
@@ -71,8 +72,12 @@ def figures(scene: Scene) -> list[str]:
     # The keys in which the prior differs from the one of its name.
     others = [key for key, value in vars(scene.prior).items() if value != vars(named)[key]]
     prior = known + f" but for {', '.join(others)}" * bool(others)
+    counts = f"{lamp.reference_counts:g}{full} counts"
+    if scene.lamps:  # the full scale is that of the image of each
+        counts = f"{lamp.reference_counts:g} counts by {len(scene.lamps)} lamps"
+        counts += f", each{full},"
     return [
-        f"{array.shape} {side} x {side}, {lamp.reference_counts:g}{full} counts at "
+        f"{array.shape} {side} x {side}, {counts} at "
         f"{lamp.reference_range_m:g} m, beam {lamp.beam_sigma_deg:g} deg, {water}",
         f"reach {text}, table to {-scene.table.x_m.start:g} m; known {prior}",
         f"effects: {', '.join(scene.effects) or 'none'}",

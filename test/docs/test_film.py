@@ -1,0 +1,68 @@
+"""The film of the first page is one, and is drawn by its command from the closed loop."""
+
+import sys
+
+import numpy as np
+import pytest
+from pages import ROOT
+from PIL import Image
+
+from uuv_optical_array.control.follow_states import COLOURS
+from uuv_optical_array.studies.closed_loop_kinds import kinds_named
+
+
+@pytest.fixture
+def film(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    import film
+
+    yield film
+    del sys.modules["film"]
+
+
+def test_the_film_that_is_shown_is_short_and_below_a_megabyte():
+    path = ROOT / "docs" / "pictures" / "film.gif"
+    assert path.stat().st_size < 1e6
+    with Image.open(path) as picture:
+        assert 50 < picture.n_frames < 200
+        lasts = 0
+        for number in range(picture.n_frames):
+            picture.seek(number)
+            lasts += picture.info["duration"]
+    assert 5e3 < lasts < 20e3
+
+
+def test_a_film_shows_the_lamp_off_and_the_state_in_its_colour(
+    film, compiled_fit, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(film, "STEPS", 10)  # a frame a second
+    monkeypatch.setattr(film, "AFTER_S", 2.0)
+    film.main("dark_5_straight", "1", str(tmp_path / "film.gif"))
+    (kind,) = kinds_named("dark_5_straight")
+    told = capsys.readouterr().out
+    with Image.open(tmp_path / "film.gif") as picture:
+        # From 5 s before the lamp goes out at 15 s until 2 s after it is back at 20 s.
+        assert picture.n_frames == 5 + 5 + 2
+        assert f"{picture.n_frames} frames" in told
+        lit, named = [], []
+        for number in range(picture.n_frames):
+            picture.seek(number)
+            pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3).astype(float)
+            # The beam is yellow: much more red than blue, and in no state's colour.
+            pale = (pixels[:, 0] - pixels[:, 2] > 30) & (pixels[:, 1] > 60) & (pixels[:, 0] < 200)
+            lit.append(int(pale.sum()))
+            wanted = {
+                name: np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
+                for name, colour in COLOURS.items()
+            }
+            title = np.asarray(picture.convert("RGB"))[:24].reshape(-1, 3).astype(float)
+            bright = title[title.max(axis=1) > 120]
+            named.append(
+                min(wanted, key=lambda name: np.median(np.abs(bright - wanted[name]).sum(axis=1)))
+            )
+    dark = [kind.dark(1, 10.0 + number) for number in range(len(lit))]
+    assert min(count for count, off in zip(lit, dark, strict=True) if not off) > 4 * max(
+        count for count, off in zip(lit, dark, strict=True) if off
+    )
+    assert named[0] == "locked"
+    assert "coasting" in named

@@ -6,8 +6,6 @@ A name's module is imported when it is first asked for.
 import importlib
 from typing import Any
 
-__version__ = "0.2.0"
-
 _HOME = {
     "load_scene": "forward.scene",
     "Scene": "forward.scene",
@@ -27,6 +25,13 @@ __all__ = ["__version__", *_HOME]
 
 def __getattr__(name: str) -> Any:
     """Import a public name."""
+    if name == "__version__":
+        from importlib import metadata
+
+        try:
+            return metadata.version(__name__)
+        except metadata.PackageNotFoundError:
+            return "unknown: not installed"
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)

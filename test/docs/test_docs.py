@@ -110,3 +110,18 @@ def test_what_shows_a_physical_cause_and_what_tries_it_are_there():
             assert word in texts["reference/diagnostics"] + texts["glossary"], word
         for word in re.findall(r"`([^`]+)`", tried):
             assert f"`{word}`" in texts["reference/mismatches"], word
+
+
+def test_readme_and_site_have_one_order_of_pages():
+    site = re.findall(
+        r"^   ((?:\w+/)?\w+)$", (ROOT / "docs/index.rst").read_text("utf-8"), re.MULTILINE
+    )
+    pages = {
+        str(page.relative_to(ROOT / "docs").with_suffix(""))
+        for page in PAGES
+        if page.parent != ROOT
+    }
+    assert sorted(site) == sorted(pages)
+    _, _, rows = (ROOT / "README.md").read_text("utf-8").partition("## Read on")
+    read = re.findall(r"\]\(docs/([\w/]+)\.md\)", rows)
+    assert read == [page for page in site if page in read]

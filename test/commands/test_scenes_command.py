@@ -29,8 +29,8 @@ def test_every_ready_scene_is_listed_with_its_sentence_and_figures():
     text = "\n".join(blocks)
     assert "curved 21 x 21, 1000 of 1023 counts at 4 m, beam 4.5 deg, K 0.1 /m" in text
     assert "900 counts by 3 lamps, each of 702.5, at 4 m" in text  # not 900 of 702.5
-    assert "known exactly but for lamp_power_std, k_std_per_m" in text
-    assert "known calibrated but for shade_probability, shade_depth" in text
+    assert "known exactly except lamp_power_std, k_std_per_m" in text
+    assert "known calibrated except shade_probability, shade_depth" in text
     assert "effects: none" in text
 
 

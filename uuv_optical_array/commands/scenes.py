@@ -71,7 +71,7 @@ def figures(scene: Scene) -> list[str]:
     named = scene_from_settings({**scene.settings(), "prior": {"known": known}}, scene.name).prior
     # The keys in which the prior differs from the one of its name.
     others = [key for key, value in vars(scene.prior).items() if value != vars(named)[key]]
-    prior = known + f" but for {', '.join(others)}" * bool(others)
+    prior = known + f" except {', '.join(others)}" * bool(others)
     counts = f"{lamp.reference_counts:g}{full} counts"
     if scene.lamps:  # the full scale is that of the image of each
         counts = f"{lamp.reference_counts:g} counts by {len(scene.lamps)} lamps"

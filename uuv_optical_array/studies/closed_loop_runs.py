@@ -179,7 +179,7 @@ def loop_of(
                 partial(_light, kind, one.number, clear, cloudy),
                 one.ahead,
                 imu,
-                # Of its own noise, lest the images of a kind and its twin without it differ.
+                # Its own noise: the images of a kind are those of its twin without a modem.
                 modem=Modem(np.random.default_rng((seed, one.number))) if kind.told else _untold,
             )
         )

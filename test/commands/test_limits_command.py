@@ -96,7 +96,7 @@ def test_a_picture_is_drawn_even_where_little_is_observable(shape, beam_sigma_de
     maps = [axes for axes in figure.axes if axes.get_ylabel().startswith("y, port")]
     meshes = [axes.findobj(QuadMesh)[0].get_array() for axes in maps]
     assert len(meshes) == 6
-    assert all(mesh.shape == (7, 5) for mesh in meshes)
+    assert all(mesh.size == 7 * 5 for mesh in meshes)  # flat before Matplotlib 3.8
 
 
 def test_another_shape_keeps_the_rest_of_the_scene():

@@ -196,7 +196,9 @@ print(bool(linked_functions.options(inner=True)), *function(3.0, 5.0, 1.0, 2.0))
 def test_on_a_numba_that_is_not_known_inner_functions_are_compiled_in_its_own_way(tmp_path, known):
     version = importlib.metadata.version("numba") if known else "99.0.0"
     linked, *answer = printed(WITH_INNER_FUNCTIONS.format(version=version), tmp_path).split()
-    assert linked == str(known)
+    from uuv_optical_array.core.numerics import linked_functions
+
+    assert linked == str(version.startswith(linked_functions.TRIED))
     np.testing.assert_allclose([float(x) for x in answer], censored(3.0, 5.0, 1.0, 2.0), rtol=1e-12)
 
 

@@ -5,6 +5,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 from scenes import changed, squared_error, with_prior
+from scipy.integrate import trapezoid
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import rolled
@@ -225,7 +226,7 @@ def test_odds_are_those_of_an_integral_over_what_is_more_unknown(fit, name, off)
         moved = clear_fit(fit, problem._replace(nuisance_mean=mean))
         logs.append(moved.frame.log_evidence - 0.5 * (move / std) ** 2)
     peak = max(logs)
-    integral = np.trapezoid(np.exp(np.array(logs) - peak), moves) / (std * np.sqrt(2 * np.pi))
+    integral = trapezoid(np.exp(np.array(logs) - peak), moves) / (std * np.sqrt(2 * np.pi))
     wanted = np.log(integral) + peak - clear.frame.log_evidence
     assert wanted > 1
     precision = problem.nuisance_precision.copy()

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import make_scene
 from scipy import ndimage, signal, stats
+from scipy.integrate import trapezoid
 
 from uuv_optical_array.core.numerics.elementwise import sandwich
 from uuv_optical_array.core.settings import Quantity
@@ -179,11 +180,11 @@ def test_scattering_spreads_the_light_and_loses_what_its_law_says(b, length):
     light, of_light = scattered_light(length, angle, 1.0, -np.cos(eta), 1.0, sigma, b)
     flux, incidence = light[0], of_light[0]
     # The normal looks back along the ray: what passes a sphere about the lamp.
-    power = np.trapezoid(flux * incidence * eta, eta) * length**2
+    power = trapezoid(flux * incidence * eta, eta) * length**2
     kept = math.exp(-0.0562 * b * length) * sigma**2
     # What is tilted passes the sphere aslant.
     assert 0.93 * kept < power < kept
-    width = np.trapezoid(flux * eta**3, eta) / np.trapezoid(flux * eta, eta) / 2
+    width = trapezoid(flux * eta**3, eta) / trapezoid(flux * eta, eta) / 2
     by_core_and_halo = sigma**2 + (0.0013 + 0.188 * 0.0754) * b * length / 3
     assert width == pytest.approx(by_core_and_halo, rel=0.05)
 

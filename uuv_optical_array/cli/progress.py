@@ -11,12 +11,15 @@ EVERY_S = 10.0  # between two lines in a file
 
 
 class _Lines:
-    """Standard error as tqdm writes to it where that is a file: each state in a line, once."""
+    """Standard error as tqdm writes to it where that is a file: each state in a line, once.
 
-    last = ""
+    `begun` once there is a round to show: tqdm 4.57, that of Ubuntu 22.04, cannot be told to wait.
+    """
+
+    last, begun = "", False
 
     def write(self, text: str) -> None:
-        if (line := text.strip()) not in ("", self.last):
+        if self.begun and (line := text.strip()) not in ("", self.last):
             print(line, file=sys.stderr, flush=True)
             self.last = line
 
@@ -32,12 +35,14 @@ def counter(total: float | None, unit: str, what: str = "") -> Any:
         bar = "{percentage:3.0f}%|{bar}| " if terminal else ""
         form = "{desc}" + bar + "{n:.0f}/{total:.0f} {unit} [{elapsed}<{remaining}]"
     how: dict[str, Any] = {"desc": f"{what}: " if what else None, "total": total, "unit": unit}
+    lines = _Lines()
     if not terminal:
-        how |= {"file": _Lines(), "mininterval": EVERY_S, "delay": 1e-9}
+        how |= {"file": lines, "mininterval": EVERY_S}
     # The remaining time is by the mean speed.
     display = tqdm(bar_format=form, smoothing=0, miniters=1, **how)
     if not terminal:
         display.last_print_t = 0.0  # the first round is due at once
+        lines.begun = True
     return display
 
 

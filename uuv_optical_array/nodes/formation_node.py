@@ -233,7 +233,7 @@ def slow_station(s: FormationSettings) -> str:
     """Say that the minimum distance slows a follower at its station; empty where it does not."""
     if s.min_distance_m == 0:
         return ""
-    # As the law caps the speed towards the lamp, so that the follower can stop when the light goes out.
+    # As the law caps the speed towards the lamp, so as to stop when the light goes out.
     spare_m = math.hypot(*s.station_m) - s.min_distance_m
     most = spare_m / s.blind_s
     if most >= ENOUGH * s.max_surge_m_per_s:

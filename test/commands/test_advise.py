@@ -119,6 +119,15 @@ def test_command_says_that_no_setting_meets_the_need_and_by_how_much(folder):
     assert (result["met"], result["lacks"]) == (True, {})
 
 
+def test_a_folder_without_measurements_is_refused_with_what_makes_them(tmp_path):
+    said = run("--output", tmp_path, code=2)
+    assert "no tradeoff.csv in it; uuv_array study tradeoff --scene reference --output" in said
+
+
+def test_of_a_scene_that_is_known_exactly_it_says_so(folder):
+    assert "are taken as known exactly" in text_of(run, "--rate", 100, "--output", folder)
+
+
 @pytest.mark.parametrize("field", ["fingerprint", "machine"])
 def test_measurements_of_elsewhere_are_not_used(field, tmp_path, capsys, monkeypatch):
     origin = origin_of(SCENE, "quick") | {field: "another"}
@@ -155,4 +164,4 @@ def test_a_scene_that_is_not_exact_says_what_a_calibration_would_gain():
     text = calibrating(changed(SCENE, prior={"lamp_power_std": 0.2}), row())
     now, then = map(float, re.findall(r"([\d.]+) m ", text))
     assert now > 1.5 * then
-    assert calibrating(SCENE, row()) == ""
+    assert "taken as known exactly" in calibrating(SCENE, row())

@@ -99,6 +99,14 @@ def test_a_picture_is_drawn_even_where_little_is_observable(shape, beam_sigma_de
     assert all(mesh.size == 7 * 5 for mesh in meshes)  # flat before Matplotlib 3.8
 
 
+def test_a_pose_before_the_lamp_is_refused_with_the_sign_that_is_meant(tmp_path):
+    words = ("limits", "--pose", 6, 0, 0, 0, 0, "--output", tmp_path / "x.png")
+    assert "--pose X: 6 m is not behind the lamp; give X below 0" in command_line.run(
+        *words, code=2
+    )
+    assert not list(tmp_path.iterdir())
+
+
 def test_another_shape_keeps_the_rest_of_the_scene():
     planar, curved = make_scene("planar"), make_scene("curved")  # whose radius is the paper's
     assert planar.with_shape("planar") == curved.with_shape("planar") == planar

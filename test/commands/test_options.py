@@ -106,9 +106,26 @@ def test_the_name_of_a_study_alone_says_how_it_is_called():
 )
 def test_an_option_that_is_a_setting_now_says_how_it_is_called(words, told):
     error = run(*words, code=2)
-    assert error.startswith("uuv_array: error: unrecognized arguments: ")
+    assert error.startswith(f"uuv_array {words[0]}: error: unrecognized arguments: ")
     assert error.endswith(told)
     assert ("called" in error) == ("called" in told)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("folow",), "did you mean follow?"),
+        (("study", "acuracy"), "did you mean accuracy?"),
+        (("limits", "--shape", "planr"), "did you mean planar?"),
+        (("render", "--scnee", "follow"), "did you mean --scene?"),
+    ],
+)
+def test_a_word_with_a_slip_says_which_was_perhaps_meant(words, told):
+    assert run(*words, code=2).endswith(f"; {told}")
+
+
+def test_a_word_that_is_like_none_gets_no_hint():
+    assert "did you mean" not in run("quux", code=2)
 
 
 # The words of a command, and what its one line of an error says.

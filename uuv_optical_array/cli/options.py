@@ -1,10 +1,12 @@
 """Options of the commands, made from the settings that they set."""
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping
+import difflib
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
-from typing import Annotated, Any, TypeAlias, get_args
+from typing import Annotated, Any, NoReturn, TypeAlias, get_args
 
 from uuv_optical_array.core.settings import Place, Quantity, Setting, check, declared, unknown
 from uuv_optical_array.estimation.estimator import EstimatorSettings
@@ -30,6 +32,22 @@ def checking_options() -> Iterator[None]:
         raise OptionError(str(error)) from error
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser that says which word was perhaps meant, as argparse itself does from Python 3.14."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with exit code 2; a choice that is none gets the nearest that is one."""
+        wrong = re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message)
+        hint = meant(wrong[1], re.findall(r"[\w-]+", wrong[2])) if wrong else ""
+        super().error(message + hint)
+
+
+def meant(word: str, known: Iterable[str]) -> str:
+    """Return a hint at the nearest of the known words; empty where none is near."""
+    near = difflib.get_close_matches(word, list(known), 1)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
 def add_command(subparsers: Any, module: Any) -> None:
     """Add the command of a module, of its name and with the help that begins the module.
 
@@ -42,7 +60,7 @@ def add_command(subparsers: Any, module: Any) -> None:
     words["formatter_class"] = argparse.RawDescriptionHelpFormatter
     name, about = module.__name__.rpartition(".")[2], title.partition(": ")[2].rstrip(".")
     parser = subparsers.add_parser(name, help=about, **words)
-    parser.set_defaults(run=module.run, prog=parser.prog)
+    parser.set_defaults(run=module.run, prog=parser.prog, parser=parser)
     module.add_options(parser)
 
 

@@ -33,7 +33,7 @@ STUDIES = {
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of ``uuv_array`` with every subcommand."""
     description = "Relative pose of underwater vehicles by light."
-    parser = argparse.ArgumentParser(prog="uuv_array", description=description)
+    parser = options.Parser(prog="uuv_array", description=description)
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for module in COMMANDS.values():
@@ -63,7 +63,9 @@ def main(words: list[str] | None = None) -> None:
         begin = others[0].removeprefix("--").partition("=")[0].replace("-", "_")
         near = (n for n, _ in vars(args).get("set", ()) if begin and n.startswith(begin))
         cure = next((f"; it is called `--set {setting}=VALUE`" for setting in near), "")
-        parser.error(f"unrecognized arguments: {' '.join(others)}{cure}")
+        word = next((word.partition("=")[0] for word in others if word.startswith("-")), "")
+        cure = cure or options.meant(word, re.findall(r"--[a-z][a-z-]*", args.parser.format_help()))
+        args.parser.error(f"unrecognized arguments: {' '.join(others)}{cure}")
     try:
         code = args.run(args)
         _flush()

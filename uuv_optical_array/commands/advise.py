@@ -96,10 +96,13 @@ def settings_of(scene: Scene, row: Measurement) -> dict[str, Any]:
 
 
 def calibrating(scene: Scene, row: Measurement) -> str:
-    """Return what knowing the scene exactly would gain a setting; empty where it is so known."""
+    """Return what knowing the scene exactly would gain a setting, or gains it already."""
     believed = row.scene(scene)
     if not believed.prior.nuisance_std():
-        return ""
+        return (
+            "lamp, water and array are taken as known exactly; where they are not, errors are larger: "
+            "choose by a scene with a prior, such as --scene follow"
+        )
     exact = dataclasses.replace(believed, prior=PriorSettings())
     poses = lit_poses(ForwardModel(believed), BOUNDED, np.random.default_rng(1))
     bounds = (cramer_rao_bound(ForwardModel(one), poses).std for one in (believed, exact))
@@ -170,6 +173,9 @@ def run(args: argparse.Namespace) -> int:
     need = Need(args.rate, args.position, args.angle)
     scene = options.scene_of(args)
     given = files.user_path(args.output or f"{scene.name}.tradeoff")
+    if args.output and not (given / SETTINGS_CSV).is_file():
+        made_by = f"uuv_array study tradeoff --scene {scene.name} --output {args.output}"
+        raise options.OptionError(f"--output {args.output}: no {SETTINGS_CSV} in it; {made_by}")
     path, frames, rows = _measured(scene, given)
     row, excess = advise(rows, need)
     load, count = max(row.load_average for row in rows), len(rows)

@@ -192,6 +192,8 @@ def run(args: argparse.Namespace) -> int:
     with options.checking_options():
         for (name, quantity), value in zip(POSE.items(), args.pose, strict=True):
             check(Annotated[float, quantity], value, f"--pose {name}")
+        if args.pose[X] >= 0:
+            raise ValueError(f"--pose X: {args.pose[X]:g} m is not behind the lamp; give X below 0")
     scene = options.scene_of(args)
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     model = ForwardModel(scene.with_shape(args.shape or scene.array.shape))

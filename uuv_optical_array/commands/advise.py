@@ -100,8 +100,8 @@ def calibrating(scene: Scene, row: Measurement) -> str:
     believed = row.scene(scene)
     if not believed.prior.nuisance_std():
         return (
-            "lamp, water and array are taken as known exactly; where they are not, errors are larger: "
-            "choose by a scene with a prior, such as --scene follow"
+            "lamp, water and array are taken as known exactly; where they are not, errors are "
+            "larger: choose by a scene with a prior, such as --scene follow"
         )
     exact = dataclasses.replace(believed, prior=PriorSettings())
     poses = lit_poses(ForwardModel(believed), BOUNDED, np.random.default_rng(1))

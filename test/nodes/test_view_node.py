@@ -69,7 +69,7 @@ def send_vehicle(lab, node, name, i, position, turn):
     stamp = START_NS + i * 10**8
     node.vehicles[name].publish(odometry(stamp, position, Rotation.from_matrix(turn)))
     known = node.trajectories[name]
-    lab.until(lambda: known._samples and known._samples[-1][0] == stamp, f"{name} {i}")
+    lab.until(lambda: known.newest_ns == stamp, f"{name} {i}")
 
 
 @pytest.mark.parametrize(("frame", "child"), [("beacon", "base_link"), ("lamp_ned", "hull_frd")])

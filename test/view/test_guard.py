@@ -80,6 +80,7 @@ def test_the_page_is_served_to_who_has_its_address_by_a_name_of_this_machine(pag
     assert status(page, path, Host=f"evil.example:{port}") == 403
     assert status(page, path, Origin="http://evil.example") == 403
     assert status(page, f"{path}/../{path}") == 404
+    assert status(page, f"{path}/{7000 * 'x'}") == status(page, f"{path}/{300 * 'x'}") == 404
     with socket_of(page, origin=page.url.removesuffix(path)) as socket:
         assert socket.recv(timeout=PATIENCE_S)
     for options in ({"origin": "http://evil.example"}, {"origin": "null"}, {"path": "/"}):

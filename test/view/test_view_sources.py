@@ -13,6 +13,7 @@ from scenes import squared_error
 from uuv_optical_array.control.following import State
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.view import recorded
 from uuv_optical_array.view.closed_loop import Conditions
@@ -68,6 +69,17 @@ def test_sliders_act_between_two_steps_and_a_button_begins_again(table):
     assert paper.seen[-1].note.startswith("no light")
     assert paper.seen[0].pose is None
     assert paper.seen[0].true_pose[0] == pytest.approx(-5.0)  # half a metre off the station
+
+
+@pytest.mark.parametrize(
+    ("name", "label"), [("reference", "attenuation (1/m)"), ("follow", "absorption (1/m)")]
+)
+def test_the_slider_of_the_water_is_called_what_the_scene_has(name, label):
+    paper = Paper()
+    estimator = Estimator(load_scene(name), compiled=False)
+    simulate(paper, estimator, 1, lambda t_s: False)
+    assert paper.sliders[0].label == label
+    assert paper.sliders[0].value == estimator.scene.attenuation[1]
 
 
 @pytest.mark.usefixtures("compiled_fit")

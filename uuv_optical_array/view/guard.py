@@ -15,6 +15,8 @@ from urllib.parse import urlsplit
 
 from uuv_optical_array.core.extras import needs
 
+LONGEST_PATH = 200
+
 
 def refusal(token: str, path: str, hosts: Sequence[str], origins: Sequence[str]) -> str:
     """Say why a request is not answered; empty where path, host and any origin are the page's."""
@@ -43,6 +45,8 @@ def guarded(token: str) -> Iterator[None]:
             if reason := refusal(token, request.path, *named):
                 return connection.respond(403, f"{reason}\n")
             request.path = request.path[len(token) + 1 :] or "/"
+            if len(request.path) > LONGEST_PATH:  # no file system has such a name
+                return connection.respond(404, "there is no such page\n")
             return process_request(connection, request)
 
         async def handle_all(connection: Any) -> None:

@@ -12,18 +12,21 @@ from uuv_optical_array.view.page import Page, Slider
 STEP_S = 0.1
 
 
-def sliders(conditions: Conditions) -> list[Slider]:
-    """Return the sliders of conditions, in the order in which `chosen` takes their values."""
+def sliders(conditions: Conditions, dims: str = "attenuation") -> list[Slider]:
+    """Return the sliders of conditions, in the order in which `chosen` takes their values.
+
+    What dims the light with the range is called `dims`.
+    """
     x, y, z = conditions.station_m
     along, aside, _ = conditions.current_m_per_s
     powers = conditions.lamp_power
     k_per_m, plume = conditions.k_per_m, conditions.plume_depth
-    water = "Of the water, absorption where the scene has a sea: 0.05 clear ocean, 0.1 coastal"
+    water = "Of the water: 0.05 clear ocean, 0.1 coastal"
     names = [f"power of lamps[{i}]" for i in range(len(powers))] if powers[1:] else ["lamp power"]
     lamps = zip(names, powers, strict=True)
     cloud = "Optical depth in the middle of a cloud of sediment; 0 is none"
     return [
-        Slider("attenuation (1/m)", water, 0.0, max(0.5, k_per_m), 0.005, k_per_m),
+        Slider(f"{dims} (1/m)", water, 0.0, max(0.5, k_per_m), 0.005, k_per_m),
         *(Slider(n, "Relative to the scene's; 0 is off", 0.0, 2.0, 0.05, p) for n, p in lamps),
         Slider("plume", cloud, 0.0, max(3.0, plume), 0.1, plume),
         Slider("current x (m/s)", "Along the leader's first heading", -0.5, 0.5, 0.05, along),
@@ -56,7 +59,8 @@ def simulate(
         nonlocal restart
         restart = True
 
-    page.add_sliders("sea and station", sliders(conditions), change)
+    dims = "absorption" if "sea" in estimator.scene.effects else "attenuation"
+    page.add_sliders("sea and station", sliders(conditions, dims), change)
     page.add_button("start again", start_again)
     due = time.monotonic()
     while goes_on(loop.t_s):

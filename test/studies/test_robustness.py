@@ -29,7 +29,7 @@ def test_figures_are_those_of_the_errors():
     # One sigma is 0.2 m and 0.02 rad; the last frame has no pose.
     errors = np.zeros((5, 5))
     errors[0, 1] = 0.2  # NEES 1
-    errors[1, :2] = 0.8, -0.8  # 32, and off by 1.13 m
+    errors[1, :2] = 0.8, -0.8  # 32, beyond 3 sigma, and off by 1.13 m
     errors[2, 4] = -0.13  # 42.25, beyond 6 sigma
     errors[3, 2] = 1.3  # the same, and off by 1.3 m
     errors[4] = np.nan
@@ -41,7 +41,7 @@ def test_figures_are_those_of_the_errors():
     assert (found["kind"], found["times_prior"]) == ("k-0.05", 2.5)
     assert not found["within_twice_prior"]
     counts = {"frames": 5, "answered": 4, "beyond_6_sigma": 2, "beyond_1_m": 2}
-    assert {**counts, "indistinguishable": 2}.items() <= found.items()
+    assert {**counts, "indistinguishable": 2, "beyond_3_sigma": 3}.items() <= found.items()
     assert found["nees_mean"] == pytest.approx((1 + 32 + 2 * 42.25) / 4)
     assert found["rms_range_m"] == pytest.approx(0.4)
     across = (0.2**2 + 0.8**2 + 1.3**2) / 8
@@ -171,7 +171,7 @@ def test_the_command_prints_the_same_as_text_and_as_json_and_draws(capsys, tmp_p
         shown = line.split()
         figures = ["answered", "beyond_6_sigma", "indistinguishable", "beyond_1_m"]
         assert shown[2:6] == [str(row[key]) for key in figures]
-    assert lines[1].split()[-1] == f"{honest['nees_mean']:.3g}"
+    assert lines[1].split()[-2:] == [f"{honest['nees_mean']:.3g}", str(honest["beyond_3_sigma"])]
 
 
 @pytest.mark.parametrize(("frames", "kinds"), [(0, []), (7, [7]), (12, [12]), (17, [12, 5])])

@@ -46,6 +46,7 @@ COLUMNS = {
     "rms_across_m": "across (m)",
     "rms_angle_deg": "angle (deg)",
     "nees_mean": "NEES",
+    "beyond_3_sigma": "beyond 3 sigma",
 }
 # Key of a row, marker, colour and label of the errors.
 ERRORS = (
@@ -65,6 +66,7 @@ def figures(kind: Kind, frames: FrameErrors, plausible: NDArray[np.bool_]) -> di
         "within_twice_prior": kind.within,
         "frames": len(frames.errors),
         "beyond_1_m": int((np.linalg.norm(frames.errors[:, : Z + 1], axis=1) > FAR_M).sum()),
+        "beyond_3_sigma": int(frames.beyond_sigma(3.0).sum()),
         "indistinguishable": int((frames.beyond_sigma(SIGMAS) & plausible).sum()),
     }
     return plain(figures | frames.summary())

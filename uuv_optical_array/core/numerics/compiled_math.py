@@ -149,11 +149,8 @@ MATRIX = types.Array(types.float64, 2, "C")
 
 def matrix_on_stack(context, builder, rows, columns):
     """Return an empty matrix on the stack of the function that is being built."""
-    count, size = builder.mul(rows, columns), context.get_constant(types.intp, 8)
-    data, array = (
-        builder.alloca(ir.DoubleType(), count),
-        context.make_array(MATRIX)(context, builder),
-    )
+    array, size = context.make_array(MATRIX)(context, builder), context.get_constant(types.intp, 8)
+    data = builder.alloca(ir.DoubleType(), builder.mul(rows, columns))
     strides = builder.mul(columns, size), size
     populate_array(array, data, (rows, columns), strides, size, meminfo=None)
     return array

@@ -53,14 +53,21 @@ def test_a_correction_is_a_kalman_filter_s_and_considers_biases_as_schmidt_has_i
 
 @given(PROBLEMS)
 @settings(max_examples=60)
-def test_innovations_have_their_density(of):
+def test_innovations_have_their_density_and_shift_the_mean_as_least_squares(of):
     belief, observation = of
     spread = observation.slopes @ belief.covariance @ observation.slopes.T + np.eye(5)
-    distance, cost = weigh(belief.covariance, observation)
+    distance, cost, shift = weigh(belief.covariance, observation)
     square = observation.innovation @ np.linalg.solve(spread, observation.innovation)
     assert distance**2 == pytest.approx(square, rel=1e-8)
     density = multivariate_normal(np.zeros(5), spread).logpdf(observation.innovation)
     assert cost == pytest.approx(-2 * density - 5 * np.log(2 * np.pi), abs=1e-6)
+    # The least squares of observation and prior, by the prior's root.
+    root = np.linalg.cholesky(belief.covariance)
+    rows = np.vstack([observation.slopes @ root, np.eye(len(root))])
+    best = np.linalg.lstsq(rows, np.append(observation.innovation, np.zeros(len(root))), None)[0]
+    np.testing.assert_allclose(
+        (shift - root @ best) / np.sqrt(belief.covariance.diagonal()), 0, atol=1e-8
+    )
 
 
 def test_biases_hold_for_their_times_and_return_to_their_prior():

@@ -160,19 +160,30 @@ class Observation(NamedTuple):
     slopes: Array
 
 
-def weigh(covariance: Array, observation: Observation) -> tuple[float, float]:
-    """Return how far an observation is from what was expected, and how improbable it is.
+class Weight(NamedTuple):
+    """How an observation is weighed by a belief.
 
-    - returned distance: Mahalanobis distance of the innovation.
-    - returned cost: twice the negative log-likelihood of the innovation, but for a constant.
+    - distance: Mahalanobis distance of the innovation.
+    - cost: twice the negative log-likelihood of the innovation, but for a constant.
+    - shift: what it adds to the mean of pose, rate and biases, shape ``(10 + k,)``.
     """
+
+    distance: float
+    cost: float
+    shift: Array
+
+
+def weigh(covariance: Array, observation: Observation) -> Weight:
+    """Return how an observation is weighed by a belief of a covariance."""
     innovation, slopes = observation
-    spread = slopes @ covariance @ slopes.T
+    cross = covariance @ slopes.T
+    spread = slopes @ cross
     spread.flat[:: len(spread) + 1] += 1.0
     root = lapack.dpotrf(spread, lower=1)[0]
     white, _ = lapack.dtrtrs(root, innovation, lower=1)
-    square = float(white @ white)
-    return math.sqrt(square), square + 2 * float(np.log(root.diagonal()).sum())
+    square, back = float(white @ white), lapack.dtrtrs(root, white, lower=1, trans=1)[0]
+    cost = square + 2 * float(np.log(root.diagonal()).sum())
+    return Weight(math.sqrt(square), cost, cross @ back)
 
 
 def correct(belief: Belief, observation: Observation, teach: bool = True) -> Belief:

@@ -26,6 +26,7 @@ from uuv_optical_array.core.geometry import YAW, Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import BiasSpace
 from uuv_optical_array.estimation.tracking.measurement import Relinearise
+from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS
 
 SPAN_NS, EVERY_NS = 3_500_000_000, 90_000_000  # of the frames kept; the least time between two
 FEWEST = 3  # for a way
@@ -53,12 +54,13 @@ class Changes:
 
     - space: of the biases.
     - walk: standard deviations of the change of the rate in 1 s, m/s and rad/s, shape ``(5,)``.
+    - newest_ns: stamp of the last frame, ns.
     """
 
     def __init__(self, space: BiasSpace, walk: Array) -> None:
         self._space, self._walk = space, walk
         self._way: Array = np.zeros(5)
-        self._newest_ns = 0
+        self.newest_ns = LONG_AGO_NS
         # Of each its stamp, the way up to it, its pose, and how to linearise it.
         self._frames: deque[tuple[int, Array, Array, Relinearise]] = deque()
 
@@ -69,9 +71,9 @@ class Changes:
         - pose: of the track, m and rad, shape ``(5,)``.
         - relinearise: as of `Tracker.take`.
         """
-        if stamp_ns <= self._newest_ns:
+        if stamp_ns <= self.newest_ns:
             self._frames.clear()
-        self._way, self._newest_ns = self._way + way, stamp_ns
+        self._way, self.newest_ns = self._way + way, stamp_ns
         if not self._frames or stamp_ns - self._frames[-1][0] >= EVERY_NS:
             self._frames.append((stamp_ns, self._way, pose.copy(), relinearise))
         while stamp_ns - self._frames[0][0] > SPAN_NS:

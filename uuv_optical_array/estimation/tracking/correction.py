@@ -3,7 +3,8 @@
 Readings are applied in coordinates in which images stay linear (`joint_coordinates`), and are
 linearised once more on the way from the predicted pose to the corrected one (`RELINEARISE_AT`).
 Slopes at its end have the noise of the readings that they weigh, those at its beginning leave out
-the curvature of the light: either biases what is learnt, the same in each frame.
+the curvature of the light: either biases what is learnt, the same in each frame. That way is the
+one of the five numbers that depend on the pose.
 """
 
 import math
@@ -97,7 +98,8 @@ class Correction:
         if frame.readings is None:
             observation = self._of_pose(belief, frame)
             corrected = Deferred(lambda: correct(belief, observation))
-            return Corrected(corrected, *weigh(belief.covariance, observation))
+            weight = weigh(belief.covariance, observation)
+            return Corrected(corrected, weight.distance, weight.cost)
         result = self._by_readings(belief, frame, frame.readings)
         distance = max(result.distance, pose_distance(belief, frame))
         return result._replace(distance=distance)
@@ -151,15 +153,14 @@ class Correction:
 
         observation = observation_of(readings)
         of_pose = Observation(observation.innovation[:5], observation.slopes[:5])
-        distance, _ = weigh(before.covariance, of_pose)
-        _, cost = weigh(before.covariance, observation)
+        distance, _, shift = weigh(before.covariance, of_pose)
+        cost = weigh(before.covariance, observation).cost
 
         def finished() -> Belief:
             used = observation
             # A frame beyond the gate is not of this track, wherever it is linearised.
             if frame.relinearise and distance <= self._gate:
-                step = learn(before, used).mean[POSE] - expected
-                at = np.concatenate([expected + RELINEARISE_AT * step, constants])
+                at = np.concatenate([expected + RELINEARISE_AT * shift[POSE], constants])
                 used = observation_of(self._readings_at(frame, coordinates.place(at)[0]))
             return self._curved(learn(before, used))
 

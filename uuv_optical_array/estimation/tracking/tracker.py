@@ -51,7 +51,7 @@ from uuv_optical_array.estimation.tracking.measurement import (
     checked_pose,
     checked_readings,
 )
-from uuv_optical_array.estimation.tracking.mismatch import LastingResiduals
+from uuv_optical_array.estimation.tracking.mismatch import Alarm
 from uuv_optical_array.estimation.tracking.motion import (
     LONG_AGO_NS,
     OwnMotion,
@@ -122,7 +122,7 @@ class Tracker:
         self._ranges = Ranges(s)
         self._space = BiasSpace(c, s.constants_hold_s)
         self._changes = Changes(self._space, self._rate_walk)
-        self._residuals = LastingResiduals(c, self._changes)
+        self._alarm = Alarm(c, self._changes)
         self._correction = Correction(self._space, c, s, self._gate)
         range_gate = math.sqrt(chdtri(1, 1 - s.gate_probability))
         self._ranging = Ranging(self._space, range_gate)
@@ -229,19 +229,8 @@ class Tracker:
         if newest.frame.readings is None:
             root, share = newest.frame.root, self._correction.common_share(newest.frame)
             joint[POSE, POSE] += share * (root @ root.T)
-            if not self._constants.names_shades:
-                self._residuals.add_light(stamp_ns, newest.frame.shaded > 0.5)
-        elif newest.frame.relinearise and stamp_ns > self._tested_ns:
-            way: Array = np.zeros(5)
-            since_ns = max(self._tested_ns, stamp_ns - SPAN_NS)
-            if self._commanded(stamp_ns):
-                way = in_beacon(mean[POSE], self._own_motion.displacement(since_ns, stamp_ns))
-            self._changes.add(stamp_ns, way, mean[POSE], newest.frame.relinearise)
-            self._tested_ns = stamp_ns
-            near = newest.frame.relinearise(np.concatenate([mean[POSE], offsets]))
-            with suppress(ValueError):  # not finite there
-                self._residuals.add(stamp_ns, checked_readings(near, self._constants))
-        mismatch = self._residuals.say(errors, self._space)
+        if stamp_ns != self._tested_ns:
+            self._test(stamp_ns, np.concatenate([mean[POSE], offsets]), newest.frame)
         return Track(
             stamp_ns,
             mean[POSE].copy(),
@@ -252,7 +241,7 @@ class Tracker:
             dict(zip(self._constants.names, learnt, strict=False)),
             self._space.blocks @ (stds * errors.mean)[self._space.gains],
             own_motion,
-            mismatch,
+            self._alarm.said,
             self._turn(belief),
             belief.range,
         )
@@ -268,6 +257,19 @@ class Tracker:
             return c.uneven
         decay = float(drift(c.unclear_lasts_s, (stamp_ns - state.frame.stamp_ns) * 1e-9))
         return c.uneven + decay * (state.frame.shaded - c.uneven)
+
+    def _test(self, stamp_ns: int, at: Array, frame: Measurement) -> None:
+        """Test whether the scene explains the newest frame and those before."""
+        self._tested_ns, near = stamp_ns, None
+        if frame.relinearise:
+            way: Array = np.zeros(5)
+            if self._commanded(stamp_ns):
+                since_ns = min(max(self._changes.newest_ns, stamp_ns - SPAN_NS), stamp_ns)
+                way = in_beacon(at[POSE], self._own_motion.displacement(since_ns, stamp_ns))
+            self._changes.add(stamp_ns, way, at[POSE], frame.relinearise)
+            with suppress(ValueError):  # not finite there
+                near = checked_readings(frame.relinearise(at), self._constants)
+        self._alarm.add(stamp_ns, frame.shaded > 0.5, near)
 
     def _turn(self, belief: Belief) -> Array | None:
         """Return the roll's covariance with the pose, and its variance, ``(6,)``, if it is one."""

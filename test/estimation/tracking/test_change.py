@@ -6,8 +6,8 @@ from scipy.stats import multivariate_normal
 
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import BiasSpace
-from uuv_optical_array.estimation.tracking.change import POSE_STD, RATE_STD, SPAN_NS, Changes
-from uuv_optical_array.estimation.tracking.motion import walk_noise
+from uuv_optical_array.estimation.tracking.change import POSE_STD, SPAN_NS, Changes
+from uuv_optical_array.estimation.tracking.motion import RATE_STD, walk_noise
 from uuv_optical_array.estimation.unknowns.constants import Constants
 
 SIDE, GAIN_STD, STDS = 3, 0.01, np.array([0.1, 5.0])

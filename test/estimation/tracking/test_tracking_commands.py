@@ -32,9 +32,10 @@ from tracks import (
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Y
+from uuv_optical_array.estimation.tracking.motion import RATE_STD
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
-from uuv_optical_array.estimation.tracking.tracker import RATE_STD, Tracker
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -19,9 +19,10 @@ from tracks import (
 )
 
 from uuv_optical_array.core.geometry import X, Y, Z
+from uuv_optical_array.estimation.tracking.motion import RATE_STD
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
-from uuv_optical_array.estimation.tracking.tracker import MANOEUVRE_STD, RATE_STD, Tracker
+from uuv_optical_array.estimation.tracking.tracker import MANOEUVRE_STD, Tracker
 
 pytestmark = pytest.mark.filterwarnings("error")
 

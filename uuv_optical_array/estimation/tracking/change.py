@@ -26,12 +26,11 @@ from uuv_optical_array.core.geometry import YAW, Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import BiasSpace
 from uuv_optical_array.estimation.tracking.measurement import Relinearise
-from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS
+from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS, RATE_STD
 
 SPAN_NS, EVERY_NS = 3_500_000_000, 90_000_000  # of the frames kept; the least time between two
 FEWEST = 3  # for a way
-# About the way, of its first pose and of its rate; m and rad, by s.
-POSE_STD, RATE_STD = np.repeat([2.0, 1.0], [3, 2]), np.repeat([1.0, 0.5], [3, 2])
+POSE_STD = np.repeat([2.0, 1.0], [3, 2])  # of the first pose about a straight way, m and rad
 ROUNDING = 3e-5  # of a pose given those before, m and rad
 PASSES = 2  # of linearising: on the straight way, and on the likeliest
 

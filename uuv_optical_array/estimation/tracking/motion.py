@@ -14,6 +14,8 @@ from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.core.messages import MAX_TWIST
 
 LONG_AGO_NS = -(2**62)  # before any stamp
+# Of a rate that is not known, m/s and rad/s: as at the start of a track.
+RATE_STD = np.array([0.5, 0.5, 0.5, 0.1, 0.1])
 MAX_RATE = MAX_TWIST[:5]  # of surge, sway, heave, pitch and yaw rate
 
 

@@ -28,7 +28,6 @@ from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import RangeUse, StampRefused
 
 LEAST_M, MAX_RANGE_M, MAX_STD_M = 1e-3, 1e4, 1e3
-MOST_REFUSED = 5  # in a row, until what older ones taught is forgotten
 COMMON = 0.5  # of a range's variance
 ALIKE_S = 10.0  # ranges within that count as one
 MOST_BEFORE_NS = 500_000_000  # of its frame; the motion in between is that at the frame
@@ -100,10 +99,13 @@ def _stamp(measured: Range) -> int:
 
 
 class Ranging:
-    """Corrects beliefs by ranges, of which the gate lets so many standard deviations pass."""
+    """Corrects beliefs by ranges, of which the gate lets so many standard deviations pass.
 
-    def __init__(self, space: BiasSpace, gate: float) -> None:
-        self._space, self._gate = space, gate
+    - most_refused: in a row, until what older ones taught is forgotten.
+    """
+
+    def __init__(self, space: BiasSpace, gate: float, most_refused: int) -> None:
+        self._space, self._gate, self._most_refused = space, gate, most_refused
 
     def correct(
         self, belief: Belief, measured: Range, stamp_ns: int, own_way: Array, common: Array
@@ -129,7 +131,7 @@ class Ranging:
         use = RangeUse(measured.stamp_ns, off, std, 0)
         if abs(off) > self._gate * std:
             refused = 1 if belief.range is None else 1 + belief.range.refused
-            if refused % MOST_REFUSED == 0:  # those before may be what is wrong
+            if refused % self._most_refused == 0:  # those before may be what is wrong
                 belief = self._space.forgotten(belief)
             return belief._replace(range=use._replace(refused=refused))
         said = Observation(np.array([off]) / math.sqrt(noise), slopes[None] / math.sqrt(noise))

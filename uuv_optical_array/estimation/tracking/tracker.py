@@ -28,7 +28,7 @@ import math
 from bisect import bisect_left
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,6 +54,7 @@ from uuv_optical_array.estimation.tracking.measurement import (
 from uuv_optical_array.estimation.tracking.mismatch import Alarm
 from uuv_optical_array.estimation.tracking.motion import (
     LONG_AGO_NS,
+    RATE_STD,
     OwnMotion,
     in_beacon,
     walk_noise,
@@ -72,14 +73,13 @@ from uuv_optical_array.estimation.tracking.track import (
 from uuv_optical_array.estimation.unknowns.constants import Constants, drift
 from uuv_optical_array.forward.prior import ROLL
 
-RATE_STD = np.array([0.5, 0.5, 0.5, 0.1, 0.1])  # m/s and rad/s, at the start of a track
 POSE_STD = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of an unknown pose
-# A manoeuvre changes the rate by so much from one frame to the next, m/s and rad/s, in one frame of
-# a hundred; its cost is twice the negative logarithm of that.
-MANOEUVRE_STD, MANOEUVRE_COST = np.array([0.2, 0.2, 0.2, 0.3, 0.3]), 2 * math.log(100)
-# Constants jump in one frame of 10,000, as where a lamp is switched down.
-USUAL, MANOEUVRE, JUMP = range(3)
-COSTS = 0.0, MANOEUVRE_COST, 2 * math.log(1e4)
+# A manoeuvre changes the rate by so much from one frame to the next, m/s and rad/s.
+MANOEUVRE_STD = np.array([0.2, 0.2, 0.2, 0.3, 0.3])
+# What happens from a frame to the next, and in which share of frames; constants jump as where a
+# lamp is switched down.
+Event = Literal["usual", "manoeuvre", "jump"]
+SHARES: dict[Event, float] = {"usual": 1.0, "manoeuvre": 1e-2, "jump": 1e-4}
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Tracker:
         self._alarm = Alarm(c, self._changes)
         self._correction = Correction(self._space, c, s, self._gate)
         range_gate = math.sqrt(chdtri(1, 1 - s.gate_probability))
-        self._ranging = Ranging(self._space, range_gate)
+        self._ranging = Ranging(self._space, range_gate, s.reacquire_frames)
 
     def command(self, stamp_ns: int, twist: ArrayLike) -> None:
         """Take the follower's own motion, which carries the pose on until the next command.
@@ -321,7 +321,7 @@ class Tracker:
         """Return the state after a frame: in the track, in its rival, or in a new one."""
         if frame.stamp_ns - state.taken_ns > self._reset_ns:
             return self._start(frame, state)
-        fused = self._fused(state, frame, changes=(USUAL, MANOEUVRE, JUMP))
+        fused = self._fused(state, frame, (*SHARES,))
         if fused.distance <= self._gate:
             # Poses say only roughly what they share of the constants' errors: readings begin anew.
             return fused if fused.by_readings == state.by_readings else self._start(frame, state)
@@ -334,7 +334,7 @@ class Tracker:
         return replace(state, rival=rival, outlier=fused.distance)
 
     def _fused(
-        self, state: _State, frame: Measurement, changes: tuple[int, ...] = (USUAL,)
+        self, state: _State, frame: Measurement, events: tuple[Event, ...] = ("usual",)
     ) -> _State:
         """Return the state with a frame by the likeliest motion that explains it, or the usual one.
 
@@ -343,11 +343,11 @@ class Tracker:
         usual = None
         for obeys in (True, False) if self._commanded(frame.stamp_ns) else (False,):
             best, least = None, math.inf
-            for change in changes:
-                # A change is wider and rarer, and no likelier than a usual motion that fits.
-                if best and best.distance**2 <= COSTS[change]:
+            for event in events:
+                # One that is wider and rarer is no likelier than a usual motion that fits.
+                if best and best.distance**2 <= -2 * math.log(SHARES[event]):
                     continue
-                fused, cost = self._fused_by(state, frame, obeys, change)
+                fused, cost = self._fused_by(state, frame, obeys, event)
                 usual = usual or fused
                 if fused.distance <= self._gate and cost < least:
                     best, least = fused, cost
@@ -357,10 +357,10 @@ class Tracker:
         return usual
 
     def _fused_by(
-        self, state: _State, frame: Measurement, obeys: bool, change: int
+        self, state: _State, frame: Measurement, obeys: bool, event: Event
     ) -> tuple[_State, float]:
         """Return the state with a frame by one motion, and twice its negative log-probability."""
-        predicted = self._predicted(state, frame.stamp_ns, obeys, change)
+        predicted = self._predicted(state, frame.stamp_ns, obeys, event)
         taken = frame.readings is not None or frame.shaded > 0.5 or not state.by_readings
         if taken:
             corrected = self._correction.correct(predicted, frame)
@@ -376,7 +376,7 @@ class Tracker:
             state.frames + taken,
             corrected.distance,
         )
-        return fused, corrected.cost + COSTS[change]
+        return fused, corrected.cost - 2 * math.log(SHARES[event])
 
     def _start(self, frame: Measurement, before: _State | None) -> _State:
         """Return a new track, which keeps what the one before, if any, learnt of the constants."""
@@ -391,17 +391,17 @@ class Tracker:
         corrected = Deferred(lambda: self._correction.begun(begun, frame))
         return _State(frame, corrected, own_motion, stamp_ns, frame.readings is not None)
 
-    def _predicted(self, state: _State, stamp_ns: int, obeys: bool, change: int) -> Belief:
+    def _predicted(self, state: _State, stamp_ns: int, obeys: bool, event: Event) -> Belief:
         """Return a belief at a later stamp, where the follower obeys its commands or does not."""
         start_ns, before = state.frame.stamp_ns, state.corrected()
         step_s = (stamp_ns - start_ns) * 1e-9
-        changes = [MANOEUVRE_STD] if change == MANOEUVRE else []
+        changes = [MANOEUVRE_STD] if event == "manoeuvre" else []
         if obeys != (state.own_motion == "told"):  # it is another rate
             changes.append(RATE_STD)
         noise = [walk_noise(self._rate_walk, step_s)]
         noise += [step_s * np.eye(10, 5) * std + np.eye(10, 5, -5) * std for std in changes]
         belief = self._space.drifted(before, step_s)
-        if change == JUMP:
+        if event == "jump":
             belief = self._space.forgotten(belief)
         mean, covariance = belief.mean, belief.covariance
         mean[POSE] += step_s * mean[RATE]

@@ -67,7 +67,7 @@ CAUSES = {
     "several publishers": "Two nodes publish on one topic.",
     "mismatch": (
         "Many images differ from the scene by more than its prior, best explained by what the text"
-        " names. The track forgets what it learnt, and is as certain as single images."
+        " names. Poses and what the track learns stay as they are."
     ),
     "old stamps": _OLD_CLOCK,
     "future stamps": _OLD_CLOCK,

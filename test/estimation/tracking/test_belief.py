@@ -76,7 +76,7 @@ def test_biases_hold_for_their_times_and_return_to_their_prior():
     begun = space.begun(np.zeros(10), np.eye(10))
     known = begun._replace(mean=np.ones(10 + space.size), covariance=0 * begun.covariance)
     after = space.drifted(known, 7.0)
-    times = [1000.0] * 5 + [60.0] + [1.0] * 4 + [5.0] * 5 + [1000.0]
+    times = [1000.0] * 5 + [1.0] * 4 + [5.0] * 5 + [1000.0]
     kept = np.exp(-7.0 / np.array(times))
     np.testing.assert_allclose(after.mean, [*np.ones(10), *kept], rtol=1e-12)
     expected = np.diag([*np.zeros(10), *1 - kept**2])
@@ -92,7 +92,7 @@ def test_constants_that_are_forgotten_are_the_prior_s_and_the_rest_is_kept():
     offsets = space.by_offsets @ after.covariance[10:, 10:] @ space.by_offsets.T
     np.testing.assert_allclose(offsets, [[0.04]], rtol=1e-12)
     np.testing.assert_array_equal(space.offsets(after), [0.0])
-    kept = [*range(10), *range(11, 15), *range(16, 20)]
+    kept = [*range(10), *range(11, 19)]
     np.testing.assert_array_equal(after.mean[kept], belief.mean[kept])
     of = np.ix_(kept, kept)
     np.testing.assert_array_equal(after.covariance[of], belief.covariance[of])

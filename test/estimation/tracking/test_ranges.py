@@ -13,7 +13,6 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.pipeline import Pipeline
-from uuv_optical_array.estimation.tracking import belief
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import StampRefused
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -119,11 +118,8 @@ def fed(tracker, frames):
 
 @pytest.mark.parametrize("alike", [False, True])
 @pytest.mark.parametrize("count", [1, 3])
-def test_pose_and_constants_are_those_of_one_regression_of_frames_and_range(
-    count, alike, monkeypatch
-):
+def test_pose_and_constants_are_those_of_one_regression_of_frames_and_range(count, alike):
     """The range is of the first frame, and what it teaches of the constant holds for the last."""
-    monkeypatch.setattr(belief, "FAST_SHARE", 0.0)
     frames = linear_frames(count, np.random.default_rng(count), 0.13, 5 * SECOND_NS, 1.0, alike)
     tracker = Tracker(FREE, ONE)
     tracker.command(START_NS, [0.2, 0, 0, 0, 0])  # each frame is expected at a place of its own

@@ -1,11 +1,10 @@
 """What a track believes: one Gaussian of pose, rate and all that frames have in common, the biases.
 
-These are the errors of the scene's unknown constants, in a slow part that holds for an hour and a
-fast one that holds for a minute, as water and lamps change; the gain errors of the detectors, and
-as large an error of each reading that holds for a second: what beam, response and converter are
-not, seen from one place; errors by which shades move a pose; and the error of ranges from
-elsewhere. All are Ornstein-Uhlenbeck processes in standard deviations of their prior, to which they
-return where nothing is seen of them. So the errors of linear images are forgotten, too.
+These are the errors of the scene's unknown constants and the gain errors of the detectors, which
+hold for an hour; as large an error of each reading that holds for a second: what beam, response and
+converter are not, seen from one place; errors by which shades move a pose; and the error of ranges
+from elsewhere. All are Ornstein-Uhlenbeck processes in standard deviations of their prior, to which
+they return where nothing is seen of them. So the errors of linear images are forgotten, too.
 
 Readings teach the biases only what holds whatever the pose (the projection on the null space of
 A. Mourikis and S. Roumeliotis, *IEEE ICRA* 2007), and then correct the pose for given uncertain
@@ -26,8 +25,6 @@ from uuv_optical_array.estimation.tracking.track import RangeUse
 from uuv_optical_array.estimation.unknowns.constants import Constants, drift
 
 STATE = 10  # pose and rate, before the biases
-# A share of the prior's standard deviation of constants changes within so long, s.
-FAST_SHARE, FAST_S = 0.1, 60.0
 PLACE_S = 1.0  # in which the errors of readings that depend on the place change
 ROUNDING = 1e-14  # of a variance, which a correction may lose
 MOST_BLOCKS = 7  # by a side of the array: the detectors of a block have one gain error, their mean
@@ -71,17 +68,15 @@ class BiasSpace:
         self.learnt = n = q + gains
         self.stds = np.array([*c.stds, *gain_stds])
         shades = 5 if c.unclear_lasts_s > 0 else 0
-        self.shades, self.range = slice(2 * n, 2 * n + shades), 2 * n + shades
+        self.shades, self.range = slice(n + gains, n + gains + shades), n + gains + shades
         self.size = self.range + 1
-        lasting = np.repeat([math.sqrt(1 - FAST_SHARE**2), 1.0], [q, gains])
-        passing = np.repeat([FAST_SHARE, 1.0], [q, gains])
-        self.parts = np.hstack([np.diag(lasting), np.diag(passing), np.zeros((n, shades + 1))])
+        self.parts = np.hstack([np.eye(n), np.eye(n, gains, -q), np.zeros((n, shades + 1))])
         self.by_offsets = self.stds[:q, None] * self.parts[:q]
         by_block = np.tile(self.blocks * gain_stds, (c.lamps, 1))
         self._by_gains = by_block if gains else np.zeros((1, 0))
         self._shade_rest = c.shade_rest
-        times = [hold_s, FAST_S, PLACE_S, c.unclear_lasts_s, hold_s]
-        self._hold_s = np.repeat(times, [n, q, gains, shades, 1])
+        times = [hold_s, PLACE_S, c.unclear_lasts_s, hold_s]
+        self._hold_s = np.repeat(times, [n, gains, shades, 1])
 
     def begun(self, mean: Array, covariance: Array) -> Belief:
         """Return a belief of this pose and rate and of biases as the prior has them."""
@@ -100,7 +95,7 @@ class BiasSpace:
     def forgotten(self, belief: Belief) -> Belief:
         """Return a belief of constants and ranges as the prior has them; the rest is kept."""
         mean, covariance = belief.mean.copy(), belief.covariance.copy()
-        of = STATE + np.append(np.flatnonzero(self.parts[self.constants].any(axis=0)), self.range)
+        of = STATE + np.r_[self.constants, self.range]
         mean[of] = covariance[of] = covariance[:, of] = 0.0
         covariance[of, of] = 1.0
         return belief._replace(mean=mean, covariance=covariance)

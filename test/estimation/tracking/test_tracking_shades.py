@@ -37,7 +37,7 @@ def tracked(tracker, lasting, rng):
 @pytest.mark.parametrize(("lasting", "low", "high"), [(1.0, 2.5, 6.0), (0.0, 9.0, np.inf)])
 def test_a_track_claims_no_more_than_errors_that_last_allow(lasting, low, high):
     settings = TrackerSettings(common_share=0.0)
-    constants = Constants(unclear_lasts_s=LASTS_S)
+    constants = Constants(unclear_lasts_s=LASTS_S, names_shades=True)
     found = [
         tracked(Tracker(settings, constants=constants), lasting, np.random.default_rng(seed))
         for seed in range(20)
@@ -47,7 +47,8 @@ def test_a_track_claims_no_more_than_errors_that_last_allow(lasting, low, high):
 
 @pytest.mark.parametrize("names", [(), ("field_of_view.cosine_power",)])
 def test_what_a_shade_does_to_two_frames_is_one_error(names):
-    constants = Constants(names, (0.1,) * len(names), unclear_lasts_s=1e6)
+    stds = (0.1,) * len(names)
+    constants = Constants(names, stds, unclear_lasts_s=1e6, names_shades=True)
     tracker = Tracker(TrackerSettings(common_share=0.0), constants=constants)
     for k in range(2):
         track = tracker.update(START_NS + 1000 * k, STATION, NOISE, shaded=1.0)
@@ -56,9 +57,9 @@ def test_what_a_shade_does_to_two_frames_is_one_error(names):
     np.testing.assert_allclose(track.covariance, lasts + new, 1e-3, 1e-9)
 
 
-@pytest.mark.parametrize(("uneven", "doubt"), [(0.0, 1.0), (0.02, UNNAMED_DOUBT)])
-def test_a_clear_frame_outweighs_a_shaded_one_more_where_no_shade_is_named(uneven, doubt):
-    constants = Constants(unclear_lasts_s=1e6, uneven=uneven)
+@pytest.mark.parametrize(("named", "doubt"), [(True, 1.0), (False, UNNAMED_DOUBT)])
+def test_a_clear_frame_outweighs_a_shaded_one_more_where_no_shade_is_named(named, doubt):
+    constants = Constants(unclear_lasts_s=1e6, names_shades=named)
     tracker = Tracker(TrackerSettings(common_share=0.0), constants=constants)
     tracker.update(START_NS, STATION, NOISE, shaded=1.0)
     track = tracker.update(START_NS + 1000, STATION, NOISE)

@@ -121,3 +121,22 @@ def test_an_unknown_gain_is_a_noise_that_grows_with_the_light():
     grown = quad(lambda value: float(variance_slope(value, noise)), 0, 50)[0]
     assert grown == pytest.approx(float(reading_variance(50.0, noise)) - 1.0)
     assert (slope > 0).all()
+
+
+def test_the_shape_of_the_beam_spreads_readings_as_gains_do():
+    """A set knows one Gaussian exactly, and several as far as it says."""
+    several = {"beam_widths": [0.6, 1.0, 1.6], "beam_weights": [-0.2, 0.9, 0.3]}
+    settings = load_scene("follow").settings()
+
+    def known(lamp, **prior):
+        told = scene_from_settings(
+            {**settings, "lamp": {**settings["lamp"], **lamp}, "prior": prior}, "sea"
+        )
+        return told.prior.beam_shape_std, ForwardModel(told).noise.square
+
+    for name, gains, shape in (("calibrated", 0.005, 0.005), ("as_bought", 0.01, 0.01)):
+        assert known({}, known=name) == (0.0, gains**2)
+        expected = pytest.approx((shape, gains**2 + shape**2), rel=1e-12)
+        assert known(several, known=name) == expected
+        expected = pytest.approx((0.03, gains**2 + 0.03**2), rel=1e-12)
+        assert known({}, known=name, beam_shape_std=0.03) == expected

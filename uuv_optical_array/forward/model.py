@@ -1,5 +1,6 @@
 """From pose to image: the forward model of a scene."""
 
+import copy
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
@@ -71,7 +72,7 @@ class ForwardModel:
     Attributes
     ----------
     noise : optics.ReadingNoise
-        Of a reading, rounding and the unknown gains of the scene's prior included.
+        Of a reading, rounding and what the scene's prior does not know of gains and beam included.
     analogue_noise : optics.ReadingNoise
         Of a reading before it is rounded.
     saturation_counts : float
@@ -126,7 +127,7 @@ class ForwardModel:
         black = scene.black_counts
         self.analogue_noise = ReadingNoise(variance, slope, low, high, black=black)
         self.noise = self.analogue_noise._replace(
-            variance=variance + rounding, square=scene.prior.gain_std**2
+            variance=variance + rounding, square=scene.prior.spread**2
         )
         named = [form.nuisance for form in self._of(forms.Transmission)]
         named += [form.nuisance for kind in (Background, Gain) for form in self._of(kind)]
@@ -161,6 +162,15 @@ class ForwardModel:
         self.power = scene.lamp.reference_counts / unit_reading
         self._lamps = lamps_in_numbers(scene.lamps, sigma_rad)
         self.image_shape = self._lamps.shape[1] * self.array.side, self.array.side
+
+    def with_beam(self, gaussians: Array) -> "ForwardModel":
+        """Return the model with another shape of the beam, as `beam.gaussians_of` returns it.
+
+        The light on the axis of the beam is the same.
+        """
+        other = copy.copy(self)
+        other._gaussians = np.ascontiguousarray(gaussians, dtype=float)
+        return other
 
     def _of(self, kind: type[T]) -> list[T]:
         return [form for form in self._forms if isinstance(form, kind)]

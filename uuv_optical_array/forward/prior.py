@@ -65,6 +65,7 @@ LAMPS = "lamps"
 UNCERTAIN = {
     "lamp_power_std": Uncertain((POWER,), 0.1, 0.2),
     "beam_sigma_std_deg": Uncertain((BEAM_SIGMA,), 0.3, 0.5),
+    "beam_shape_std": Uncertain((), 0.005, 0.01),  # of a beam of several Gaussians
     "k_std_per_m": Uncertain((ATTENUATION,), 0.02, 0.05, "effects.attenuation"),
     "absorption_std_per_m": Uncertain((ABSORPTION,), 0.02, 0.05, "effects.sea"),
     "scattering_std": Uncertain((SCATTERING,), 0.5, 0.7, "effects.sea"),
@@ -113,6 +114,10 @@ class PriorSettings:
     known: Annotated[Known, Quantity("how well the rest is known, by a set of values")] = "exactly"
     lamp_power_std: Annotated[float, Quantity("relative", "", 0, 1)] = 0.0
     beam_sigma_std_deg: Annotated[float, Quantity("of the beam's width", "deg", 0, 10)] = 0.0
+    beam_shape_std: Annotated[
+        float,
+        Quantity("relative, of the light by the beam's shape", "", 0, 0.3),
+    ] = 0.0
     k_std_per_m: Annotated[float, Quantity("of the attenuation", "1/m", 0, 1)] = 0.0
     absorption_std_per_m: Annotated[float, Quantity("of the absorption", "1/m", 0, 1)] = 0.0
     scattering_std: Annotated[float, Quantity("relative", "", 0, 2)] = 0.0
@@ -192,6 +197,11 @@ class PriorSettings:
         return [FrameLight(1 - share), *unclear]
 
     @property
+    def spread(self) -> float:
+        """Relative error of a reading by its detector's gain and by the shape of the beam."""
+        return math.hypot(self.gain_std, self.beam_shape_std)
+
+    @property
     def aimed(self) -> bool:
         """Whether lamp and array are known to point exactly along their frames."""
         return self.aim_std_deg == 0 and self.lamp_aim_std_deg == 0
@@ -220,8 +230,8 @@ class PriorSettings:
         return stds
 
     def gain_std_in(self, light: FrameLight) -> float:
-        """Return the relative spread of readings by gains and shades beyond the modes."""
-        return math.hypot(self.gain_std, light.depth * SHADE_DECAY ** max(SHADE_ORDERS))
+        """Return the relative spread of readings by gains, beam, and shades beyond the modes."""
+        return math.hypot(self.spread, light.depth * SHADE_DECAY ** max(SHADE_ORDERS))
 
 
 def of_lamp(i: int, setting: str) -> str:

@@ -18,7 +18,7 @@ class Constants:
     """Settings of the scene that are not known, and how far they may be off.
 
     - names, stds: of `ForwardModel.nuisances`; standard deviations, > 0, of offsets of mean 0.
-    - gain_std: relative gain error of a detector, white over the array; 0: none.
+    - gain_std: relative error of a detector by its gain and the beam, white over the array.
     - detectors, lamps: how many there are, and how many each reads.
     - frame: of `coordinates`; ``None``: only where the light is linear in pose and constants.
     - unclear_lasts_s: correlation time of light that is not clear, s; 0: it is always clear.
@@ -60,7 +60,7 @@ def constants_of(model: ForwardModel) -> Constants:
     return Constants(
         tuple(stds),
         tuple(stds.values()),
-        prior.gain_std,
+        prior.spread,
         model.array.side**2,
         frame_of(model),
         prior.unclear_lasts_s,

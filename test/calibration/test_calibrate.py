@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from needs import rosbags
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.calibration.beam_shape import ResidualsByAngle
 from uuv_optical_array.commands.calibrate import draw_calibration
 from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.forward.model import ForwardModel
@@ -364,10 +365,14 @@ def test_the_picture_shows_which_detector_and_which_images_are_not_explained():
     used, uncensored = np.ones(shape, bool), rng.uniform(size=shape) < 0.8
     used[7], uncensored[7], residuals[7] = False, False, 3
     used[:, [8, 17]], uncensored[:, [8, 17]], residuals[:, [8, 17]] = False, False, 3  # dead
-    result = SimpleNamespace(residuals=residuals, used=used, uncensored=uncensored, gains=np.eye(3))
+    off_axis = ResidualsByAngle(
+        np.array([2.0, 9.0]), np.array([0.01, -0.03]), np.full(2, 0.002), 0.8
+    )
+    result = SimpleNamespace(residuals=residuals, used=used, uncensored=uncensored)
+    result.gains, result.by_angle = np.eye(3), off_axis
     poses = np.column_stack([-np.linspace(3, 8, 400), *np.zeros((4, 400))])
     recording = SimpleNamespace(seconds=100 + np.arange(400), poses=poses)
-    by_detector, by_time, by_range, *_ = draw_calibration(result, recording, "title").axes
+    by_detector, by_time, by_range, by_angle, *_ = draw_calibration(result, recording, "title").axes
     (mesh,) = by_detector.collections
     wanted = np.ones((3, 3))
     wanted[1, 2], wanted[2, 2] = 1.5, 3
@@ -379,3 +384,5 @@ def test_the_picture_shows_which_detector_and_which_images_are_not_explained():
         assert np.nanmean(mean[300:]) - np.nanmean(mean[:300]) == pytest.approx(0.5, abs=0.1)
         assert np.flatnonzero(np.isfinite(left_out)).tolist() == [7]
         assert left_out[7] == 3
+    np.testing.assert_allclose(by_angle.lines[0].get_xydata(), [[2.0, 1.0], [9.0, -3.0]])
+    assert by_angle.get_title() == "by this angle alone: 80% of the misfit"

@@ -13,12 +13,15 @@ from uuv_optical_array.calibration.likelihood import (
 )
 from uuv_optical_array.core.geometry import Array
 
+FALSE_REFUSAL = 1e-6  # probability that a correct model is refused
+
 
 @dataclass(frozen=True)
 class Agreement:
     """Residuals of m images of n readings, and their statistics."""
 
     residuals: Array  # in standard deviations, (m, n)
+    mean: Array  # of the readings by the fit, counts, (m, n)
     variance: Array  # of the readings, counts^2, (m, n)
     uncensored: NDArray[np.bool_]  # readings that are used and far from both limits, (m, n)
     misfit: float  # mean squared residual of these, 1 where the model explains the images
@@ -46,22 +49,38 @@ class Agreement:
 
         It starts from that of the scene; ValueError where every reading may be censored.
         """
-        variance = self.variance[self.uncensored]
+        return self._for_no_misfit(sigma_counts, np.ones(self.mean.shape))
+
+    def spread(self, std: float) -> tuple[float, float]:
+        """Return by how much, relative to the light, readings differ beyond noise; standard error.
+
+        That is for a misfit of 1, 0 at least, and starts from that of the fit. ValueError as above.
+        """
+        return self._for_no_misfit(std, self.mean**2)
+
+    def _for_no_misfit(self, std: float, unit: Array) -> tuple[float, float]:
+        """Return the standard deviation, times the root of `unit`, that replaces one in `variance`.
+
+        The `unit` has the shape ``(m, n)``.
+        """
+        variance, unit = self.variance[self.uncensored], unit[self.uncensored]
         if not len(variance):
             raise ValueError("noise: every reading is dark or saturated; record more light")
         square = self.residuals[self.uncensored] ** 2 * variance
         absorbed = self.misfit / float((square / variance).mean())  # by the degrees of freedom
 
         def excess(added: float) -> float:
-            return float((absorbed * square / np.maximum(variance + added, 1e-9)).mean()) - 1
+            return float((absorbed * square / np.maximum(variance + added * unit, 1e-9)).mean()) - 1
 
-        lowest = -(sigma_counts**2)
+        lowest = -(std**2)
         added = lowest
         if excess(lowest) > 0:
-            added = float(brentq(excess, lowest, absorbed * float(square.max()) + 1))
-        sigma = float(np.sqrt(sigma_counts**2 + added))
-        error = np.sqrt(2 / float((np.maximum(variance + added, 1e-9) ** -2.0).sum()))
-        return sigma, float(error / (2 * max(sigma, 1e-9)))
+            most = absorbed * float((square / np.maximum(unit, 1e-9)).max()) + 1
+            added = float(brentq(excess, lowest, most))
+        found = float(np.sqrt(std**2 + added))
+        each = unit / np.maximum(variance + added * unit, 1e-9)
+        error = np.sqrt(2 / float((each**2).sum()))
+        return found, float(error / (2 * max(found, 1e-9)))
 
 
 def _over_independent(
@@ -94,4 +113,6 @@ def agreement_of(
         remaining -= share * int((likelihood.pose_std[seen] >= UNKNOWN_STD).sum())
     misfit = total / remaining if remaining > 0 else 1.0
     side = likelihood.scene.array.detectors_per_side
-    return Agreement(residuals, state.variance, uncensored, misfit, max(0, int(remaining)), side)
+    return Agreement(
+        residuals, state.mean, state.variance, uncensored, misfit, max(0, int(remaining)), side
+    )

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp, softmax
 
 from uuv_optical_array.calibration import notes
+from uuv_optical_array.calibration.beam_shape import ResidualsByAngle, residuals_by_angle
 from uuv_optical_array.calibration.clock_fit import offset_step
 from uuv_optical_array.calibration.fit import CalibrationFit
 from uuv_optical_array.calibration.likelihood import POSE, CalibrationLikelihood
@@ -24,6 +25,7 @@ from uuv_optical_array.calibration.parameters import (
     NOISE,
     POWER,
     SCATTER,
+    SHAPE,
     SHARE,
     SIGMA,
     SIZE,
@@ -32,10 +34,12 @@ from uuv_optical_array.calibration.parameters import (
 )
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import DetectorArray
+from uuv_optical_array.forward.beam import of_three
 from uuv_optical_array.forward.prior import OWN_GEOMETRY, OWN_POWER
 from uuv_optical_array.forward.scene import Scene, scene_from_settings, without_meaning
 
 REFERENCE = "lamp.reference_counts"
+SHAPE_STD = "prior.beam_shape_std"
 NOISE_ROUNDS = 4
 DARK, LEAST_LIT = 5.0, 0.01  # standard deviations of a dark reading; share of a lamp's readings
 
@@ -63,6 +67,7 @@ class Calibration:
     gain_std: Array  # nan where one was held, (side, side)
     correlation: Array  # of the parameters before the reference reading; nan where one was held
     residuals: Array  # of every reading, standard deviations, (m, n)
+    by_angle: ResidualsByAngle  # off the beam's axis
     used: NDArray[np.bool_]  # readings that were fitted: no outliers, not faulty, (m, n)
     uncensored: NDArray[np.bool_]  # used readings that are far from both limits, (m, n)
     # Mean squared residual of these, 1 if explained; above `notes.MISFIT` errors grow by its root.
@@ -120,6 +125,8 @@ def calibrate(
     for name, values in (("images", images), ("poses", poses), ("rolls", rolls)):
         if not np.isfinite(values).all():
             raise ValueError(f"{name}: not finite; leave such frames out")
+    if scene.prior.beam_shape_std > 0:
+        scene = dataclasses.replace(scene, lamp=of_three(scene.lamp))
     layout = Layout(scene)
     names = layout.names
     for name in hold:
@@ -203,6 +210,9 @@ def _result(
         for i, (name, unit) in enumerate(zip(names, layout.units, strict=True))
         if i not in layout.lacking
     ]
+    if fit.shaped:
+        before, left = scene.prior.beam_shape_std, likelihood.shape_std
+        parameters.append(FittedParameter(SHAPE_STD, "", before, left, fit.shape_error))
     there = [i for i in range(first) if i not in layout.lacking]
     before = scene.lamp.reference_counts
     parameters.append(FittedParameter(REFERENCE, "counts", before, reference, reference_error))
@@ -216,6 +226,7 @@ def _result(
         gain_std=errors[first:].reshape(grid),
         correlation=covariance[np.ix_(there, there)] / np.outer(std[there], std[there]),
         residuals=agreement.residuals,
+        by_angle=residuals_by_angle(fit),
         used=likelihood.used,
         uncensored=agreement.uncensored,
         misfit=agreement.misfit,
@@ -273,6 +284,8 @@ def _calibrated_scene(
         one |= dict(zip((OWN_POWER, *OWN_GEOMETRY), own.tolist(), strict=True))
         if "beam_sigma_deg" in one:
             one["beam_sigma_deg"] += wider
+    if fit.shaped:
+        lamp |= fit.likelihood.beam(fit.state.at.parameters)
     lamp["reference_counts"] = float(f"{reference:.9g}")
     if "sea" in effects:
         sea = {"absorption_per_m": float(values[K]), "scattering_per_m": float(values[SCATTER])}
@@ -289,5 +302,8 @@ def _calibrated_scene(
     drift = {k: v for k, v in effects.get("responsivity", {}).items() if k == "drift_per_c"}
     effects["responsivity"] = {"gains": gains.tolist(), **drift}
     settings["prior"] |= layout.prior(scene.prior, values, errors, fit.unknown)
+    if fit.shaped:
+        told = scene.prior.beam_shape_std if fit.unknown & {*SHAPE} else 0.0
+        settings["prior"]["beam_shape_std"] = float(f"{max(fit.likelihood.shape_std, told):.3g}")
     settings["prior"] |= dict.fromkeys(without_meaning(effects, scene.array, scene.lamps), 0.0)
     return scene_from_settings(settings, scene.name)

@@ -14,7 +14,15 @@ from uuv_optical_array.calibration.likelihood import (
     CalibrationState,
     Unknowns,
 )
-from uuv_optical_array.calibration.parameters import BACKGROUND, POWER, SHARE, SIGMA, Layout
+from uuv_optical_array.calibration.parameters import (
+    BACKGROUND,
+    POWER,
+    SHAPE,
+    SHARE,
+    SIGMA,
+    WIDE,
+    Layout,
+)
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.gauss_newton import minimiser
 
@@ -23,6 +31,9 @@ OUTLYING_IMAGE = 0.25  # share of outliers among an image's readings from which 
 OUTLIER_ROUNDS = 10
 FREE_ROUNDS = 3  # of finding what is determined, in which a held parameter may be released
 POOR_MISFIT = 2.0  # mean squared residual from which held parameters are released once
+# Relative change of what the shape of the beam leaves, and its size, at which it is found.
+SHAPE_STEADY, LEAST_SHAPE = 0.02, 1e-3
+MOST_SHAPE = 0.1  # in the fit; a wrong model would take all for the beam's
 CONSTANT_IMAGES = 10  # a reading that is the same in so many images is a fault,
 EXPECTED_CHANGE_COUNTS = 20.0  # where it should have changed by this much
 MAX_STEPS = 500  # where gains and response make up for each other, a long bent valley
@@ -92,13 +103,16 @@ class CalibrationFit:
         self.start = likelihood.start()
         # Parameters that are held: those given, and those that the images do not determine.
         self.known, self.unknown = frozenset(known), frozenset[int]()
+        # Whether the shape of the beam is fitted, and how far its light differs from every shape.
+        self.shaped = WIDE not in self.known
+        self.shape_error = np.nan
         self.correlated: dict[int, int] = {}  # determined only while another, the value, is held
         self.outlying_images: tuple[int, ...] = ()  # that are not used
         start = likelihood.unshifted(self.start)
         self.state = likelihood.evaluate(start, expected=True)
         self.dead = self._exclude_dead_detectors()  # whose reading never changes
-        # From a lamp that starts far too dim or too bright nothing would seem to be determined.
-        others = ~np.isin(self._layout.kinds, [POWER, SIGMA, BACKGROUND, SHARE])
+        # From a lamp far too dim, or of another beam, nothing would seem to be determined.
+        others = ~np.isin(self._layout.kinds, [POWER, SIGMA, BACKGROUND, *SHAPE, SHARE])
         self.unknown = frozenset(np.flatnonzero(others).tolist()) - self._given()
         self.state = likelihood.evaluate(self._refined(start).at, expected=True)
         self.unknown = self._undetermined()
@@ -109,6 +123,8 @@ class CalibrationFit:
         released = False
         for rounds in itertools.count():
             self._fit()
+            if self.likelihood.shape_std >= MOST_SHAPE:
+                return  # the model is wrong
             # Without the misfit, which a parameter that is held at a wrong value makes large. What
             # is determined in some rounds only stays held in the end.
             before = self.unknown
@@ -181,13 +197,29 @@ class CalibrationFit:
             if not good.any():
                 break
             self.outlying_images = tuple(np.flatnonzero(bad_images).tolist())
-            if (good == likelihood.used).all():
+            hopeless = likelihood.shape_std >= MOST_SHAPE
+            steady = self._widened(state)
+            hopeless &= likelihood.shape_std >= MOST_SHAPE
+            if hopeless or (steady and (good == likelihood.used).all()):
                 break
             likelihood.used = good
         self.state = likelihood.evaluate(at, expected=True)
         self.at_bound = outward(self._layout, self.state) - self.held()
-        freedoms = self._layout.free_directions(self.held()).shape[1]
-        self.agreement = agreement_of(likelihood, self.state, freedoms)
+        self.agreement = agreement_of(likelihood, self.state, self._freedoms())
+
+    def _widened(self, state: CalibrationState) -> bool:
+        """Find what the shape of the beam leaves; return whether it is what it was."""
+        before = self.likelihood.shape_std
+        agreement = agreement_of(self.likelihood, state, self._freedoms())
+        if not (self.shaped and agreement.uncensored.any()):
+            return True
+        left, self.shape_error = agreement.spread(before)
+        self.likelihood.widen(min(left, MOST_SHAPE))
+        change = abs(self.likelihood.shape_std - before)
+        return change <= SHAPE_STEADY * max(before, LEAST_SHAPE)
+
+    def _freedoms(self) -> int:
+        return self._layout.free_directions(self.held()).shape[1]
 
     def _without_outliers(
         self, state: CalibrationState

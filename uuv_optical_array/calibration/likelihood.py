@@ -6,6 +6,8 @@ it, that of the roll. The Schur complement eliminates them, as in bundle adjustm
 2000): the work grows linearly with the images. Places of several lamps were measured with a tape.
 """
 
+import copy
+import dataclasses
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -13,10 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.calibration.aims import appearing
-from uuv_optical_array.calibration.parameters import AIMS, BACKGROUND, BOUGHT, POWER, SIGMA, Layout
+from uuv_optical_array.calibration.parameters import (
+    AIMS,
+    BACKGROUND,
+    BOUGHT,
+    POWER,
+    SHAPE,
+    SIGMA,
+    Layout,
+)
 from uuv_optical_array.core.geometry import PITCH, Array
 from uuv_optical_array.estimation.information.likelihood import information, log_likelihood
 from uuv_optical_array.forward.array import DetectorArray
+from uuv_optical_array.forward.beam import gaussians_of, of_three
 from uuv_optical_array.forward.effects.detectors import detector_gains
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import reading_variance
@@ -24,6 +35,7 @@ from uuv_optical_array.forward.prior import OWN_GEOMETRY, ROLL
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
 BLOCK_READINGS = 100_000
+SHAPE_STEP = 1e-4  # of a weight of the beam, of which the light is all but linear
 POSE = 6  # slopes by a pose and its roll
 UNKNOWN_STD = 1e3  # m and rad: of a part of a pose that is not known
 
@@ -97,7 +109,8 @@ class CalibrationLikelihood:
             self.pose_std = np.broadcast_to(pose_std, poses.shape)[first][:, shifts]
         self.used: NDArray[np.bool_] = np.broadcast_to(self.works, self.readings.shape).copy()
         self.layout = Layout(self.scene)
-        self._own = [i for i in range(self.layout.gains) if i not in {*AIMS, *self.layout.lacking}]
+        lacking = {*AIMS, *SHAPE, *self.layout.lacking}
+        self._own = [i for i in range(self.layout.gains) if i not in lacking]
         self._of_model = self.start()[: self.layout.gains]
         self._of_model[POWER] = np.log(self.model.power)
         self.taped = self.layout.own[:, 1:4].ravel()
@@ -106,7 +119,21 @@ class CalibrationLikelihood:
         self._of_model[BACKGROUND] = self.scene.effects["ambient"]["level_counts"]
         # Without the prior's spread of the gains, which are fitted, and without the pedestal.
         low, high = noise.low - noise.black, noise.high - noise.black
-        self.noise = noise._replace(square=0.0, black=0.0, low=low, high=high)
+        self.noise = noise._replace(black=0.0, low=low, high=high)
+        self.widen(scene.prior.beam_shape_std)
+
+    def with_shape(self) -> "CalibrationLikelihood":
+        """Return the likelihood with the shape of the beam among its parameters."""
+        other = copy.copy(self)
+        other.scene = dataclasses.replace(self.scene, lamp=of_three(self.scene.lamp))
+        other.model, other.layout = ForwardModel(other.scene), Layout(other.scene)
+        other.model.array = self.model.array
+        return other
+
+    def widen(self, shape_std: float) -> None:
+        """Let readings differ by so much, relative to the light, from the shape of the beam."""
+        self.shape_std = shape_std
+        self.noise = self.noise._replace(square=shape_std**2)
 
     @property
     def works(self) -> NDArray[np.bool_]:
@@ -119,6 +146,7 @@ class CalibrationLikelihood:
         scene, works = self.scene, ~self.faulty
         _, attenuation = scene.attenuation
         level = scene.effects["ambient"]["level_counts"]
+        narrow, _, wide = self.layout.gaussians
         common = np.exp(np.log(gains[works]).mean()) if works.any() else 1.0
         return np.array(
             [
@@ -130,6 +158,7 @@ class CalibrationLikelihood:
                 np.log(scene.array.radius_m or 1.0),
                 *np.zeros(len(AIMS)),
                 0.0 if BACKGROUND in self.layout.lacking else level * common,
+                *gaussians_of(scene.lamp)[0][[narrow, wide]],
                 *(own for lamp in scene.lamps for own in (np.log(lamp.power), *_geometry(lamp))),
                 *np.log(gains / common),
             ]
@@ -151,18 +180,38 @@ class CalibrationLikelihood:
         seen, seen_rolls, by_seen = appearing(
             poses, rolls, parameters[AIMS], self.scene.array.bow_m
         )
-        light, by_own = self.model.linearised(
-            seen,
-            seen_rolls,
-            {**turned, **{names[i]: np.full(len(poses), offsets[i]) for i in self._own}},
-        )
+        own = {**turned, **{names[i]: np.full(len(poses), offsets[i]) for i in self._own}}
+        shape = self._shape(parameters[list(SHAPE)])
+        light, by_own = self.model.with_beam(shape).linearised(seen, seen_rolls, own)
         motions = 5 + len(turned)
         slopes = np.zeros((*light.shape, POSE + self.layout.gains))
         slopes[..., [POSE + i for i in self._own]] = by_own[..., motions:]
         by_given = by_own[..., :motions] @ by_seen[:, :motions]
         slopes[..., [*range(POSE), *(POSE + i for i in AIMS)]] = by_given
         slopes[..., POSE + SIGMA] *= sigma_deg
+        for i, off in zip(SHAPE, SHAPE_STEP * np.eye(2), strict=True):
+            if i not in self.layout.lacking:
+                wider = self._shape(parameters[list(SHAPE)] + off)
+                there = self.model.with_beam(wider).light(seen, seen_rolls, own)
+                slopes[..., POSE + i] = (there.reshape(light.shape) - light) / SHAPE_STEP
         return light, slopes
+
+    def beam(self, parameters: Array) -> dict[str, list[float]]:
+        """Return the shape of the beam as keys of a scene's lamp."""
+        widths = self.scene.lamp.beam_widths or ()
+        weights, _ = self._shape(parameters[list(SHAPE)])[:, : len(widths)]
+        rounded = [round(weight, 9) for weight in weights.tolist()]
+        return {"beam_widths": list(widths), "beam_weights": rounded}
+
+    def _shape(self, weights: Array) -> Array:
+        """Return the beam's Gaussians with weights of the narrowest and the widest."""
+        narrow, middle, wide = self.layout.gaussians
+        shape = gaussians_of(self.scene.lamp).copy()
+        for i, place, weight in zip(SHAPE, (narrow, wide), weights.tolist(), strict=True):
+            if i not in self.layout.lacking:
+                shape[0, middle] += shape[0, place] - weight
+                shape[0, place] = weight
+        return shape
 
     @np.errstate(under="ignore")
     def evaluate(self, at: Unknowns, expected: bool = False) -> CalibrationState:

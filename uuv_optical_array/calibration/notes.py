@@ -5,6 +5,8 @@ from collections.abc import Collection
 import numpy as np
 from scipy.special import chdtri
 
+from uuv_optical_array.calibration.agreement import FALSE_REFUSAL
+from uuv_optical_array.calibration.beam_shape import CHECK, wrong_beam
 from uuv_optical_array.calibration.fit import CalibrationFit
 from uuv_optical_array.calibration.parameters import (
     ARRAY_AIM,
@@ -14,7 +16,9 @@ from uuv_optical_array.calibration.parameters import (
     LAMP_AIM,
     NOISE,
     PLACE,
+    SCATTER,
     SIGMA,
+    WIDE,
     K,
 )
 from uuv_optical_array.core.geometry import Array
@@ -23,14 +27,13 @@ from uuv_optical_array.forward.scene import Scene
 
 MISFIT = 1.2  # mean squared residual from which standard errors are widened
 MAX_NOISE_FACTOR = 2.0  # times the noise of the scene; larger residuals are an error of the model
-FALSE_REFUSAL = 1e-6  # probability that a correct model is refused
 RANGE_FACTOR = 2.0  # between the ranges that separate attenuation from power
 BEAM_SIGMAS = 2.0  # off the beam's axis, from where readings determine its width
+NONE_AT_LOWEST = K, SCATTER, BACKGROUND, WIDE  # which may be 0
 MANY_OUTLIERS = 0.05  # share of the readings from which something else is wrong
 LEAST_AIM, SURE = 0.002, 3.0  # rad, and standard errors, off a frame, from where it is told
 LITTLE, HARDLY = 0.8, "hardly by the images"  # of the error of a tape
 MOVED_M = 0.1  # of the place that a tape tells
-CHECK = "check odometry_axes and beacon_position_m (--set), array.wiring and the topics"
 MORE = "record more images, with a brighter lamp, while you weave and turn"
 
 
@@ -81,12 +84,14 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
             f"lamps shine from aside of where the scene has them, {', '.join(moved)}; check which "
             "channel is which lamp, their places in the scene, and --set beacon_position_m"
         )
+    if wrong := wrong_beam(fit):
+        return wrong
     limit = MAX_NOISE_FACTOR**2
     if agreement.freedoms > 0:
         limit *= chdtri(agreement.freedoms, FALSE_REFUSAL) / agreement.freedoms
     independent = not any(_correlated(fit))
     if agreement.misfit <= limit or (fit_noise and independent):
-        return ""
+        return _at_bound(fit)
     reason = (
         f"the model does not explain the images: mean squared residual {agreement.misfit:.6g} of "
         f"{agreement.freedoms} degrees of freedom, where noise gives at most {limit:.3g}"
@@ -97,6 +102,21 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
     if independent:
         cures.append("give --noise: the residuals are independent")
     return f"{reason}; {', or '.join(cures)}"
+
+
+def _at_bound(fit: CalibrationFit) -> str:
+    """Say which setting ends at its bound, unless that is the natural one of nothing at all."""
+    layout, values = fit.likelihood.layout, fit.state.at.parameters
+    for i in sorted(fit.at_bound):
+        if i in NONE_AT_LOWEST and values[i] <= layout.low[i]:
+            continue
+        name, unit = (layout.names[i], layout.units[i]) if i < layout.gains else ("a gain", "")
+        value = np.exp(values[i]) if layout.logarithm[i] else values[i]
+        return (
+            f"{name} ends at its bound, {f'{value:.4g} {unit}'.strip()}: the model does not "
+            f"explain the images; {CHECK}, or --hold what is known"
+        )
+    return ""
 
 
 def notes_of(scene: Scene, fit: CalibrationFit, little: Collection[int]) -> tuple[str, ...]:

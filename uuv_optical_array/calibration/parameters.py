@@ -2,10 +2,11 @@
 
 First what all lamps share: power, width of the beam, attenuation (K, or the absorption of a sea),
 scattering, power of the detectors' cosine, radius of the sphere, pitch and yaw of the lamp on the
-leader and of the array on its mount, and background; then power, place, pitch and yaw of each of
-several lamps; and the gain of each detector. `KINDS` says which are logarithms. Powers and mean
-gain are one product, so the geometric means of gains and of lamps' own powers stay: the gauge. What
-a scene lacks is held, and so is the aim of several lamps, which turns all axes and places.
+leader and of the array on its mount, background, and the shape of the beam; then power, place,
+pitch and yaw of each of several lamps; and the gain of each detector. `KINDS` says which are
+logarithms. Powers and mean gain are one product, so the geometric means of gains and of lamps' own
+powers stay: the gauge. What a scene lacks is held, and so is the aim of several lamps, which turns
+all axes and places.
 """
 
 from collections.abc import Collection
@@ -30,11 +31,13 @@ from uuv_optical_array.forward.prior import (
 from uuv_optical_array.forward.prior import POWER as LAMP_POWER
 from uuv_optical_array.forward.scene import Scene
 
-# Kinds of parameters, rows of `KINDS`. Up to the background there is one of each, at this place.
+# Kinds of parameters, rows of `KINDS`. Up to the shape there is one of each, at this place.
 POWER, SIGMA, K, SCATTER, COSINE_POWER, SIZE = range(6)
 LAMP_AIM, ARRAY_AIM = [6, 7], [8, 9]  # pitch and yaw
 AIMS = [*LAMP_AIM, *ARRAY_AIM]
-BACKGROUND, SHARE, PLACE, AXIS, GAINS = range(10, 15)
+BACKGROUND = 10
+SHAPE = NARROW, WIDE = 11, 12  # weights of the beam's narrowest and widest Gaussian
+SHARE, PLACE, AXIS, GAINS = range(13, 17)
 OWN = SHARE, PLACE, PLACE, PLACE, AXIS, AXIS  # of each of several lamps
 AIM_NAMES = tuple(
     f"{part}.aim_{angle}_rad" for part in ("lamp", "array") for angle in ("pitch", "yaw")
@@ -60,6 +63,7 @@ FACTOR, BOUGHT = float(np.log(1e3)), PRIORS["as_bought"]
 NEARER = "too little light of the lamp; record closer to it and in its beam"
 TURN = "turn the array up to 30 deg while the lamp shines on it"
 ASIDE = "record poses on all sides of the beam's axis"
+WIDELY = "record poses from the beam's axis to twice its width off it"
 OFF = "record some images with the lamp off, out of its beam or far away"
 DARK = "too little light of this lamp; switch it on, and record in its beam"
 AROUND = "record closer to the lamps, on all sides of them and at several ranges"
@@ -74,6 +78,7 @@ KINDS = (
     *[Kind("rad", -0.3, 0.3, 0.02, "lamp_aim_std_deg", ASIDE)] * 2,
     *[Kind("rad", -0.3, 0.3, 0.02, "aim_std_deg", ASIDE)] * 2,
     Kind("counts", 0.0, 1e6, 0.02, "ambient_std_counts", OFF),
+    *[Kind("", -5.0, 5.0, 0.2, "", WIDELY)] * 2,
     Kind("", -FACTOR, FACTOR, BOUGHT["lamps_power_std"], "lamps_power_std", DARK, True),
     Kind("m", -10.0, 10.0, 1.0, "lamps_place_std_m", AROUND),  # a tape tells more
     Kind("deg", -45.0, 45.0, BOUGHT["lamps_aim_std_deg"], "lamps_aim_std_deg", ASIDE),
@@ -81,7 +86,7 @@ KINDS = (
 )
 # Which of several correlated parameters is held first; the power absorbs what the others leave.
 HOLD_ORDER = (
-    *(SIZE, COSINE_POWER, SCATTER, *AIMS, AXIS),
+    *(*SHAPE, SIZE, COSINE_POWER, SCATTER, *AIMS, AXIS),
     *(K, SIGMA, BACKGROUND, SHARE, GAINS, PLACE, POWER),
 )
 
@@ -91,14 +96,20 @@ class Layout:
 
     def __init__(self, scene: Scene) -> None:
         lamps, (water, _) = range(len(scene.lamps)), scene.attenuation
+        # Places of the narrowest, a middle and the widest of the beam's Gaussians; of two Gaussians
+        # the narrowest is the middle one, whose weight is what the others leave.
+        widths = scene.lamp.beam_widths or (1.0,)
+        order = sorted(range(len(widths)), key=lambda k: widths[k])
+        self.gaussians = order[0], order[(len(order) - 1) // 2], order[-1]
         # Of those before the gains, dotted as in scenes.
         self.names = (
             *(LAMP_POWER, BEAM_SIGMA, water, SCATTERING, RESPONSE, RADIUS, *AIM_NAMES, AMBIENT),
+            *(f"lamp.beam_weights.{self.gaussians[k]}" for k in (0, 2)),
             *(of_lamp(i, key) for i in lamps for key in (OWN_POWER, *OWN_GEOMETRY)),
         )
         self.gains = len(self.names)  # the place of the first
         # Places of those of each of several lamps, (L, 6).
-        self.own = np.arange(BACKGROUND + 1, self.gains).reshape(-1, len(OWN))
+        self.own = np.arange(SHARE, self.gains).reshape(-1, len(OWN))
         detectors = scene.array.detectors_per_side**2
         self.kinds = np.array([*range(SHARE), *OWN * len(lamps), *[GAINS] * detectors])
         has = {
@@ -107,6 +118,8 @@ class Layout:
             SIZE: scene.array.radius_m is not None,
             **dict.fromkeys(LAMP_AIM, not lamps),
             BACKGROUND: "demodulation" not in scene.effects,
+            NARROW: len(widths) > 2,
+            WIDE: len(widths) > 1,
         }
         # Those that the scene does not have.
         self.lacking = frozenset(i for i, there in has.items() if not there)
@@ -118,6 +131,9 @@ class Layout:
             [(kind.low, kind.high, kind.largest) for kind in kinds]
         ).T
         self.largest[BACKGROUND] *= scene.full_scale_counts
+        self.low[WIDE] = 0.0  # else there is no light far off the axis
+        self.low[SIGMA] -= np.log(min(widths))
+        self.high[SIGMA] -= np.log(max(widths))
 
     def free_directions(self, held: Collection[int]) -> Array:
         """Return orthogonal directions of what is not `held`, as columns, which keep the gauge."""
@@ -146,7 +162,8 @@ class Layout:
         sizes[AIMS] = np.degrees(np.hypot(errors[AIMS], values[AIMS]))
         water = "k_std_per_m" if SCATTER in self.lacking else "absorption_std_per_m"
         keys = np.array([KINDS[kind].prior or water for kind in self.kinds])
-        for key in dict.fromkeys(keys.tolist()):
+        keys[list(SHAPE)] = ""
+        for key in dict.fromkeys(keys[keys != ""].tolist()):
             rows = np.flatnonzero(keys == key)
             stds = sizes[rows]
             stds, std = stds[np.isfinite(stds)], getattr(start, key)

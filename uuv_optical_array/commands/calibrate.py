@@ -7,8 +7,10 @@ known from both odometries, or from tables: of places measured on a rail, or of 
 far the clock of odometries or poses is off that of the images is fitted. In place of a bag a table
 of readings of any detectors will do. Each value is printed with its standard error. What is not
 determined keeps its value and is named, with what to record for it. Power and mean gain are one
-product, so the geometric mean of the gains is 1; that of several lamps' powers stays. Where
-residuals show that the model is wrong, no scene is written; the exit code is 1.
+product, so the geometric mean of the gains is 1; that of several lamps' powers stays. The
+shape of a beam of several Gaussians is fitted, too, and that of one Gaussian if
+``prior.beam_shape_std`` is given. Where residuals show that model or beam are wrong, or where a
+value ends at its bound, no scene is written; the exit code is 1.
 
   ros2 bag record -o sea /array/image /leader/odometry /follower/odometry
   uuv_array calibrate sea --scene follow -o sea.yaml --picture residuals.png
@@ -182,6 +184,7 @@ def as_json(
             name: {"unit": unit, "start": start, "fitted": value, "std_error": std, "note": note}
             for name, unit, start, value, std, note in map(dataclasses.astuple, result.parameters)
         },
+        "residuals_off_axis": result.by_angle._asdict(),
         "gains": result.gains,
         "gain_std_errors": result.gain_std,
         "correlation": result.correlation,
@@ -202,9 +205,9 @@ def _mean(values: Array, where: NDArray[np.bool_], axis: int) -> Array:
 
 
 def draw_calibration(result: Calibration, recording: Recording, title: str) -> Any:
-    """Draw residuals by detector, and those of images along the drive and by range."""
-    figure = new_figure(15, 5.6)
-    by_detector, *along = figure.subplots(1, 3)
+    """Draw residuals by detector, along the drive, by range, and off the beam's axis."""
+    figure = new_figure(19, 5.6)
+    by_detector, *along, off_axis = figure.subplots(1, 4)
     residuals, fitted = np.clip(result.residuals, -EDGE, EDGE), result.uncensored
     left_out = ~result.used & result.used.any(axis=0)
     shape = -1, *result.gains.shape  # with detectors that never read right
@@ -229,6 +232,15 @@ def draw_calibration(result: Calibration, recording: Recording, title: str) -> A
         axes.grid(alpha=0.3)
     along[0].set_ylabel("residual (std of a reading)")
     along[0].legend(loc="upper left", fontsize=9)
+    angles, relative, std, share = result.by_angle
+    off_axis.errorbar(angles, 100 * relative, 100 * std, fmt="o-", color="#1f6fb4", ms=3.5)
+    off_axis.axhline(0, color="k", lw=0.8)
+    off_axis.grid(alpha=0.3)
+    off_axis.set(
+        xlabel="off the beam's axis (deg)",
+        ylabel="mean residual (% of the light)",
+        title=f"by this angle alone: {share:.0%} of the misfit",
+    )
     figure.suptitle(title)
     return figure
 

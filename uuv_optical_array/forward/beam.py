@@ -7,7 +7,7 @@ prior leaves the whole beam wider or narrower.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -19,6 +19,7 @@ MOST_GAUSSIANS = 3
 NARROWEST_DEG, WIDEST_DEG = 0.1, 90  # standard deviation of each Gaussian
 WEIGHTS_OFF = 1e-3  # by which the sum of the weights may differ from 1, as rounded ones do
 REACH = 12.0  # of a Gaussian, in its standard deviations: beyond it is nothing
+WIDTHS_OF_THREE = 0.6, 1.0, 1.6  # of a beam whose shape is not known
 UNIT: Array = np.ones((2, 1))  # a beam of one Gaussian
 
 
@@ -82,6 +83,16 @@ class LampSettings:
                 f"beam_weights: {list(weights)} make the light negative "
                 f"{dark * self.beam_sigma_deg:.3g} deg off the axis; weaken the negative ones"
             )
+
+
+def of_three(lamp: LampSettings) -> LampSettings:
+    """Return a lamp of one Gaussian as one of three, of which two have no weight yet.
+
+    Two shares of a narrower and a wider one make many beams of it: see docs/explanation/light.md.
+    """
+    if lamp.beam_weights is not None:
+        return lamp
+    return replace(lamp, beam_widths=WIDTHS_OF_THREE, beam_weights=(0.0, 1.0, 0.0))
 
 
 def gaussians_of(lamp: LampSettings) -> Array:

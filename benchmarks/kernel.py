@@ -39,14 +39,6 @@ def without_polynomials() -> None:
     INSTEAD[elementwise.exp], INSTEAD[elementwise.expm1] = np.exp, np.expm1
 
 
-def without_stack() -> None:
-    """Allocate every array."""
-    from uuv_optical_array.core.numerics.compiled_math import INSTEAD, inlined
-
-    INSTEAD[elementwise.workspace] = inlined(lambda rows, _, count: np.empty((rows, count)))
-    INSTEAD[elementwise.zeros] = inlined(lambda rows, columns, _: np.zeros((rows, columns)))
-
-
 def without_borrowing() -> None:
     """Count references to the arrays of a frame in each function."""
     from uuv_optical_array.core.numerics.compiled_math import INSTEAD, one_value
@@ -83,7 +75,6 @@ WITHOUT: dict[str, Callable[[], None]] = {
     "linked functions": without_linking,
     "private functions": without_privacy,
     "borrowed arrays": without_borrowing,
-    "memory on the stack": without_stack,
     "types looked up once": without_entry,
     "exp and expm1": without_polynomials,
     "laws inlined": with_options(forceinline=None),

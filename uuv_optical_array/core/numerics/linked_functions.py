@@ -1,7 +1,7 @@
 """Inner functions that Numba compiles only into their callers.
 
 Numba optimises and emits each function by itself and once more in each caller, and so compiles the
-fit for 2.4 times as long (benchmarks/kernel.py). An inner function is called from compiled code
+fit for three times as long (benchmarks/kernel.py). An inner function is called from compiled code
 alone, so its library here is only linked into that of its caller. This uses Numba's internals, so
 only in versions in which it was tried; others compile as usual.
 """
@@ -47,7 +47,8 @@ class _OuterLibrary(codegen.JITCodeLibrary):
         super().finalize()
 
     def _optimize_final_module(self) -> None:
-        # A function that nobody else may call can lose arguments that it does not use.
+        # A function that nobody else may call loses the arguments that it does not use: without
+        # this a frame takes 1.06 times as long.
         for library in self._linking_libraries:
             if isinstance(library, _InnerLibrary):
                 for function in library.get_defined_functions():

@@ -12,6 +12,7 @@ from uuv_optical_array.core.geometry import rolled
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.least_squares.frame import ONE_STEP
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.least_squares.image_fit import CLEAR
 from uuv_optical_array.estimation.least_squares.problem import light_at, start_at
@@ -232,9 +233,10 @@ def test_odds_are_those_of_an_integral_over_what_is_more_unknown(fit, name, off)
     precision = problem.nuisance_precision.copy()
     precision[at, at] = 1 / (1 / precision[at, at] + std**2)
     wider, frame = problem._replace(nuisance_precision=precision), clear.frame
-    moments = fit._look(wider, np.concatenate([frame.coordinates, frame.best[5:]]))
+    place = np.concatenate([frame.coordinates, frame.best[5:]])
+    near = fit._frame(wider, fit.guide, ONE_STEP, place)
     # As good as linear: one linear step is to choose what is fitted.
-    found = moments.log_weight - frame.linear_log_evidence
+    found = near.log_evidence - frame.linear_log_evidence
     assert found == pytest.approx(wanted, rel=0.1, abs=0.3)
 
 

@@ -6,6 +6,7 @@ from scenes import changed
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares import problem as problem_module
+from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOWHERE
 from uuv_optical_array.estimation.least_squares.image_fit import Image
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
@@ -101,7 +102,7 @@ def test_a_fit_of_a_large_array_ends_where_all_of_its_readings_have_their_minimu
     sea = {name: std * rng.standard_normal() for name, std in stds.items()}
     image = Image(model.expose(POSE, rng, offsets=sea).ravel(), 0.0)
     problem = image.problem(fit._kinds[0])
-    found = fit._frame(problem, fit.guide, 0).best
+    found = fit._frame(problem, fit.guide, BELIEVED, NOWHERE).best
     best = evaluate(problem, np.append(start_at(problem, found[:5])[:5], found[5:]))
     pull, information = best.parts[GRADIENT], best.parts[INFORMATION:]
     assert pull @ np.linalg.solve(information, pull) < 0.1  # in squared standard deviations

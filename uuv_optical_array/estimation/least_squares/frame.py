@@ -189,7 +189,7 @@ def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> tuple[l
         start = minima[0].parts[AT].copy()
         for _ in range(3):
             start[PITCH], start[YAW] = quarter_turn(start[PITCH], start[YAW])
-            insert(minima, refine(problem, start, MOST_STEPS))
+            descend(problem, minima, start, MOST_STEPS)
     if rivals(minima):
         # In a long and bent valley the second may be on its way to the first.
         second = refine(problem, minima[1].parts[AT], MANY_STEPS)

@@ -25,8 +25,6 @@ LEAST_LIGHT = 3.0  # standard deviations of a lit reading
 BY_BEAM = 0.5  # share of what noise leaves unexplained from which the beam is the cause
 SIGNIFICANT = 5.0  # standard deviations of a sum of squares that noise gives
 LEAST_WEIGHT = 0.05  # of a Gaussian: a lesser one costs a pose little, and scattering looks alike
-
-
 # Relative error of the light that the shape of the beam may leave: with more, poses are false.
 MOST_LEFT = 0.015
 CHECK = "check odometry_axes and beacon_position_m (--set), array.wiring and the topics"

@@ -20,6 +20,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
 PLACE, NORMAL, GAIN = ("x_m", "y_m", "z_m"), ("normal_x", "normal_y", "normal_z"), "gain"
+COLUMNS = (*PLACE, *NORMAL, GAIN)  # beside the name
 FAR_M = 100.0  # of a detector from base_link
 # Effects that are of the grid of the scene's own array.
 OF_THE_GRID = "responsivity", "detector_faults"
@@ -77,9 +78,6 @@ def read_detectors(path: Path) -> Detectors:
     values = np.array(rows)
     normals = values[:, 3:6] / np.linalg.norm(values[:, 3:6], axis=1, keepdims=True)
     return Detectors(tuple(names), values[:, :3], normals, values[:, 6])
-
-
-COLUMNS = (*PLACE, *NORMAL, GAIN)
 
 
 def number_in(cell: str, where: str) -> float:
@@ -183,7 +181,7 @@ def layout_of(scene: Scene, detectors: Detectors) -> Layout:
         effects["responsivity"] = {"gains": gains.reshape(side, side).tolist()}
     if empty := [[*divmod(i, side)] for i in range(count, side * side)]:
         effects["detector_faults"] = {"dead": empty}
-    placed = with_power(settings, f"{scene.name}", ForwardModel(scene).power)
+    placed = with_power(settings, scene.name, ForwardModel(scene).power)
     cells = np.minimum(np.arange(side * side), count) % count
     array = DetectorArray(
         np.ascontiguousarray(detectors.positions[cells]),

@@ -2,12 +2,11 @@
 
 An error of one frame is lost in its noise; one that lasts is in all frames. Each frame is linear in
 its pose, which is free, and in lasting errors: of constants and gains, as large as the prior says,
-and of the lamp's power with time, whose prior is 0.
-Scores s of these and their information J, summed over frames, are Gaussian about 0 with covariance
-``J + J P J``, P the prior's, if the scene is right. A score test (C. R. Rao, 1948, Proc. Camb.
-Phil. Soc. 44, 50) for each way in which the sea may differ (a constant, a detector, a row or
-column, the evenness of the light) and the chi-square of all tell if it is not, and the largest what
-explains it best.
+and of the lamp's power with time, whose prior is 0. Scores s of these and their information J,
+summed over frames, are Gaussian about 0 with covariance ``J + J P J``, P the prior's, if the scene
+is right. A score test (C. R. Rao, 1948, Proc. Camb. Phil. Soc. 44, 50) for each way in which the
+sea may differ (a constant, a detector, a row or column, the evenness of the light) and the
+chi-square of all tell if it is not, and the largest what explains it best.
 
 Of large arrays some detectors are tested, as many as gains are learnt by blocks (`belief`).
 

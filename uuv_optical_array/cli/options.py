@@ -1,14 +1,13 @@
 """Options of the commands, made from the settings that they set."""
 
 import argparse
-import difflib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Annotated, Any, NoReturn, TypeAlias, get_args
 
-from uuv_optical_array.core.settings import Place, Quantity, Setting, check, declared, unknown
+from uuv_optical_array.core.settings import Place, Quantity, Setting, check, declared, hint, unknown
 from uuv_optical_array.estimation.estimator import EstimatorSettings
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
@@ -16,6 +15,7 @@ from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.programs import INTERRUPTED as INTERRUPTED
 
 Settings: TypeAlias = Mapping[str, Setting]
+AS_NEAR = 0.6  # words that argparse itself would suggest from Python 3.14 on
 SEED = Quantity("seed of all random numbers", "", 0, 2**32 - 1)
 
 
@@ -44,8 +44,8 @@ class Parser(argparse.ArgumentParser):
 
 def meant(word: str, known: Iterable[str]) -> str:
     """Return a hint at the nearest of the known words; empty where none is near."""
-    near = difflib.get_close_matches(word, list(known), 1)
-    return f"; did you mean {near[0]}?" if near else ""
+    near = hint(word, known, "", AS_NEAR)
+    return f"; {near}" if near else ""
 
 
 def add_command(subparsers: Any, module: Any) -> None:

@@ -62,6 +62,8 @@ class Setting(NamedTuple):
 
 
 MAX_VALUES = 10_000  # of a span
+# Likeness of a name of four letters with a slip in one: what differs more is another word.
+ONE_SLIP_IN_FOUR = 0.75
 
 
 class Span(NamedTuple):
@@ -218,10 +220,14 @@ def summary(owner: Callable[..., Any]) -> str:
     return (inspect.getdoc(owner) or "").partition("\n")[0]
 
 
-def hint(name: Any, known: typing.Iterable[str], otherwise: str) -> str:
-    """Ask whether the nearest known name is meant, or say something else where none is near."""
-    # As near as a name of four letters with a slip in one: what differs more is another word.
-    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.75)
+def hint(
+    name: Any, known: typing.Iterable[str], otherwise: str, cutoff: float = ONE_SLIP_IN_FOUR
+) -> str:
+    """Ask whether the nearest known name is meant, or say something else where none is near.
+
+    The cutoff is as of `difflib.get_close_matches`.
+    """
+    near = difflib.get_close_matches(str(name), known, n=1, cutoff=cutoff)
     return f"did you mean {near[0]}?" if near else otherwise
 
 

@@ -11,7 +11,7 @@ from uuv_optical_array.core.processes import spread
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
-from uuv_optical_array.layouts.detectors import Layout, layout_of, of_scene
+from uuv_optical_array.layouts.detectors import Layout, layout_of, of_scene, with_power
 from uuv_optical_array.layouts.poses import PoseFit
 from uuv_optical_array.recording.places import LEAST_STD
 from uuv_optical_array.studies.measured_room import (
@@ -62,10 +62,8 @@ def positions(room: Room, lamps: Sequence[Lamp]) -> Array:
     scene = scene_of(effects=effects, prior=prior, table=table, lamps=own)
     layout = layout_of(scene, PHOTODIODE)
     # The power of all lamps together is the sum of theirs; a sine of the detection is in both.
-    wanted, model = sum(powers), layout.model()
-    settings = layout.scene.settings()
-    settings["lamp"]["reference_counts"] *= wanted / model.power
-    layout = Layout(scene_from_settings(settings, "room"), PHOTODIODE, layout.array)
+    bright = with_power(layout.scene.settings(), "room", sum(powers))
+    layout = Layout(bright, PHOTODIODE, layout.array)
     fit = PoseFit(layout, 1e-5)
     floors = np.array([lamp.floor for lamp in lamps])
     images = layout.images((room.readings - floors)[:, :, None])

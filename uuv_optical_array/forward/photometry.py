@@ -75,6 +75,34 @@ def with_photometry(lamp: Any) -> Any:
     return {**{k: v for k, v in lamp.items() if k != "photometry"}, **beam.settings()}
 
 
+class Points(NamedTuple):
+    """Angles off the axis at which a beam is fitted, out to the reach, shape ``(k,)`` each.
+
+    - angles_deg: from 0 on, deg.
+    - wanted: mean light of the file's planes there, 1 on the axis.
+    - root: square roots of weights by the solid angle, 1 in all.
+    """
+
+    angles_deg: Array
+    wanted: Array
+    root: Array
+
+    def weights_of(self, sigmas_deg: Array) -> tuple[Array, float]:
+        """Return weights of Gaussians that fit best, and the rms of their residual, of 1000."""
+        rows = np.exp(-0.5 * (self.angles_deg[:, None] / sigmas_deg) ** 2)
+        weighed = rows * self.root[:, None], self.wanted * self.root
+        found = np.asarray(np.linalg.lstsq(*weighed, rcond=None)[0], dtype=float)
+        return found, 1000 * float(np.linalg.norm((rows @ found - self.wanted) * self.root))
+
+
+def points_of(file: Photometry) -> Points:
+    """Return the points at which a beam is fitted to a file."""
+    angles = np.linspace(0, min(REACH * file.half_width_deg, file.angles_deg[-1], 90.0), POINTS)
+    root = np.sqrt(np.sin(np.radians(angles)) + 1e-9)
+    root /= math.sqrt(float(np.sum(root**2)))
+    return Points(angles, np.interp(angles, file.angles_deg, file.mean), root)
+
+
 def fitted(file: Photometry) -> FittedBeam:
     """Fit up to three Gaussians to what a file says.
 
@@ -83,18 +111,9 @@ def fitted(file: Photometry) -> FittedBeam:
     # Imported here because it takes a tenth of a second, which nodes need not spend.
     from scipy.optimize import minimize
 
-    half = file.half_width_deg
-    reach = min(REACH * half, file.angles_deg[-1], 90.0)
-    angles = np.linspace(0, reach, POINTS)
-    wanted = np.interp(angles, file.angles_deg, file.mean)
-    root = np.sqrt(np.sin(np.radians(angles)) + 1e-9)
-    root /= math.sqrt(float(np.sum(root**2)))
+    half, points = file.half_width_deg, points_of(file)
+    angles, reach = points.angles_deg, points.angles_deg[-1]
     least, most = 0.25 * half, min(WIDEST * half, WIDEST_DEG)
-
-    def weights_of(sigmas: Array) -> tuple[Array, float]:
-        rows = np.exp(-0.5 * (angles[:, None] / sigmas) ** 2)
-        found = np.linalg.lstsq(rows * root[:, None], wanted * root, rcond=None)[0]
-        return found, 1000 * float(np.linalg.norm((rows @ found - wanted) * root))
 
     def sigmas_of(at: Array) -> Array:
         """Return widths that are in order and apart, by unbounded numbers."""
@@ -104,7 +123,7 @@ def fitted(file: Photometry) -> FittedBeam:
 
     def cost(at: Array) -> float:
         sigmas = sigmas_of(at)
-        weights, rms = weights_of(sigmas)
+        weights, rms = points.weights_of(sigmas)
         outside = 1e3 if weights.sum() <= 0 or _dark(weights, sigmas) else 0.0
         return rms + outside
 
@@ -123,11 +142,11 @@ def fitted(file: Photometry) -> FittedBeam:
             f"three Gaussians, of which {LARGEST_RMS:g} are allowed; its edge is too sharp, so "
             "take a diffuser, or a lamp with a softer beam"
         )
-    weights, _ = weights_of(sigmas)
+    weights, _ = points.weights_of(sigmas)
     sigma = round(half / math.sqrt(2 * math.log(2)), 3)
     planes = np.array([np.interp(angles, file.angles_deg, row) for row in file.intensities])
     scale = float(file.shares @ file.intensities[:, 0])
-    off = (planes / scale - wanted) * root
+    off = (planes / scale - points.wanted) * points.root
     apart = 1000 * math.sqrt(float(file.shares @ np.sum(off**2, axis=1)))
     shares = (weights / weights.sum()).round(4)
     shares[-1] = round(1 - shares[:-1].sum(), 4)

@@ -17,7 +17,7 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.light import COSINE, HALF_SQUARE, RANGE
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.photometric_files import Photometry, read
-from uuv_optical_array.forward.photometry import POINTS, REACH, fitted
+from uuv_optical_array.forward.photometry import fitted, points_of
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import MIN_PEAK_COUNTS, uniform_poses
 from uuv_optical_array.studies.shared.errors import errors_of
@@ -41,17 +41,9 @@ def files_in(folder: Path) -> list[Path]:
 
 def gaussian_rms(lamp: Photometry) -> float:
     """Return the rms of the best Gaussian beside a lamp's mean, of 1000, as `fitted` weighs it."""
-    reach = min(REACH * lamp.half_width_deg, lamp.angles_deg[-1], 90.0)
-    angles = np.linspace(0, reach, POINTS)
-    wanted = np.interp(angles, lamp.angles_deg, lamp.mean)
-    weight = np.sin(np.radians(angles)) + 1e-9
-    weight /= weight.sum()
-    best = np.inf
-    for sigma in np.linspace(0.4, 1.8, 281) * lamp.half_width_deg:
-        beam = np.exp(-0.5 * (angles / sigma) ** 2)
-        scale = (weight * beam * wanted).sum() / (weight * beam**2).sum()
-        best = min(best, float((weight * (scale * beam - wanted) ** 2).sum()))
-    return 1000 * float(np.sqrt(best))
+    points = points_of(lamp)
+    sigmas = np.linspace(0.4, 1.8, 281, dtype=np.float64) * lamp.half_width_deg
+    return min(points.weights_of(sigmas[k : k + 1])[1] for k in range(len(sigmas)))
 
 
 def scene_of(beam: dict[str, Any]) -> Scene:

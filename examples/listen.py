@@ -3,14 +3,16 @@
 Run: python3 listen.py [SECONDS], while `uuv_array follow` or the nodes run
 """
 
+import signal
 import sys
+import threading
 import time
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.signals import SignalHandlerOptions
 
 
 def pose(message: PoseWithCovarianceStamped) -> None:
@@ -30,7 +32,11 @@ def state(message: DiagnosticStatus) -> None:
 
 
 if __name__ == "__main__":
-    rclpy.init()
+    # By rclpy's own handlers a signal ends the context while it is used.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    stopped = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopped.set())
     node = rclpy.create_node("listen")
     lasting = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     node.create_subscription(DiagnosticStatus, "follow_state", state, lasting)
@@ -38,10 +44,6 @@ if __name__ == "__main__":
         PoseWithCovarianceStamped, "relative_pose", pose, qos_profile_sensor_data
     )
     end = time.monotonic() + float([*sys.argv[1:], "inf"][0])
-    try:
-        while time.monotonic() < end:
-            rclpy.spin_once(node, timeout_sec=0.1)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
+    while not stopped.is_set() and time.monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    rclpy.shutdown()

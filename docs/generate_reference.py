@@ -7,6 +7,7 @@ new node, command, key or effect appears by itself.
 
 import argparse
 import ast
+import functools
 import importlib
 import inspect
 import json
@@ -22,6 +23,7 @@ from typing import Any, NamedTuple
 from causes import CAUSES
 from drawings import geometry
 from drawings import nodes as nodes_and_topics
+from image_way import image_way
 from scene_schema import scene_schema
 from schematic import schematic
 from sphere import sphere
@@ -635,10 +637,12 @@ def text_of(name: str) -> str:
     return "\n\n".join((heading, WRITTEN, *parts)) + "\n"
 
 
+@functools.cache
 def drawings() -> dict[str, str]:
     """Return the drawings by their files' names."""
     return {
         "geometry.svg": geometry(),
+        "image_way.svg": image_way(),
         "nodes.svg": nodes_and_topics(all_topics()),
         "schematic.svg": schematic(),
         "sphere.svg": sphere(load_scene("follow")),

@@ -51,6 +51,7 @@ from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene
 
 # The pose's prior is Gaussian about the middle of the table, this many half extents wide: too
 # wide to be seen where the image says much, and finite where it says nothing.
@@ -73,6 +74,14 @@ CLEAR = 0.9  # probability beyond which an image counts as one that nothing shad
 STEEP = STEEPEST - 0.03
 # Probability that a lamp is off or hidden, and chance of noise from which a dark one may be.
 LAMP_OFF, LIKELY_DARK = 1e-3, 1e-3
+
+
+def pose_prior(scene: Scene) -> tuple[Array, Array]:
+    """Return mean and standard deviation of the pose by the table, m and rad, ``(5,)`` each."""
+    axes = grid_axes(scene.table)
+    middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
+    half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
+    return middle, PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
 
 
 class Image(NamedTuple):
@@ -142,10 +151,7 @@ class ImageFit:
         self._model, self._constants = model, constants
         self._max_misfit = max_misfit
         self._most_mended = MENDED_BY_SEVERAL if scene.lamps else MENDED
-        axes = grid_axes(scene.table)
-        middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
-        half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
-        self._pose_prior = middle, PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
+        self._pose_prior = pose_prior(scene)
         self._pose_precision = np.diag(1 / np.square(self._pose_prior[1]))
         self._unobservable_variance = (UNOBSERVABLE * self._pose_prior[1]) ** 2
         self.guide = guide_of(model, candidates, float(-ndtri(max_misfit)))

@@ -74,7 +74,7 @@ def test_noise_beyond_that_of_the_scene_widens_the_errors_and_beyond_twice_is_re
     assert found.misfit == pytest.approx((sigma**2 + 1 / 12) / (1 + 1 / 12), rel=0.1)
     notes = " ".join(found.notes)
     assert "does not explain the data" in notes
-    (noise,) = re.findall(r"sensor_noise\.sigma_counts (\S+) would explain", notes)
+    (noise,) = re.findall(r"sensor_noise\.sigma_counts (\S+) and \S+ \S+ would explain", notes)
     assert float(noise) == pytest.approx(sigma, rel=0.05)
     assert largest_pull(found, scene) < 5.5
     for name, parameter in named(found).items():  # as large as with the noise that there is

@@ -8,12 +8,18 @@ from scenes import changed
 from uuv_optical_array.calibration.fit import CalibrationProblem, refine
 from uuv_optical_array.calibration.identifiability import undetermined
 from uuv_optical_array.calibration.likelihood import CalibrationLikelihood, Unknowns
-from uuv_optical_array.calibration.parameters import POWER, K, Layout
+from uuv_optical_array.calibration.parameters import POWER, SHARE, K, Layout
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
-FIRST_GAIN = 13  # of one lamp
+FIRST_GAIN = SHARE  # of one lamp
 FLAT = {"beam_widths": [0.6, 1.0, 1.7], "beam_weights": [-0.2, 0.9, 0.3]}
+
+STARTS = {
+    "flat": changed("follow", lamp=FLAT),
+    "behind": changed("reference", prior={"lamp_behind_std_m": 0.2}),
+    "floors": changed("leading_lights", prior={"lamps_floor_std_counts": 20.0}),
+}
 
 
 @pytest.mark.parametrize(
@@ -21,6 +27,8 @@ FLAT = {"beam_widths": [0.6, 1.0, 1.7], "beam_weights": [-0.2, 0.9, 0.3]}
     [
         ("flat", [0.02, 0.01, 0.01, 0.01, 0.02], 3),
         ("follow", None, 1),
+        ("behind", [0.02, 0.01, 0.01, 0.01, 0.02], 1),
+        ("floors", None, 1),
         ("reference", None, 1),
         ("reference", [0.02, 0.01, 0.01, 0.01, 0.02], 1),
         ("reference", [0.02, 0.01, 0.01, 0.01, 0.02], 3),
@@ -30,15 +38,16 @@ FLAT = {"beam_widths": [0.6, 1.0, 1.7], "beam_weights": [-0.2, 0.9, 0.3]}
 )
 def test_the_gradient_is_that_of_the_value(start, pose_std, images_a_place):
     rng = np.random.default_rng(3)
-    scene = sea("follow" if start == "flat" else start, shot_noise__electrons_per_count=30.0)
+    started = STARTS.get(start) or load_scene(start)
+    base = {"flat": "follow", "behind": "reference", "floors": "leading_lights"}.get(start, start)
+    scene = sea(base, shot_noise__electrons_per_count=30.0)
     scene = lights(rng) if scene.lamps else scene
     poses, rolls = drive(rng, 24)
     places = np.arange(24) % (24 // images_a_place)
     poses, rolls = poses[places], rolls[places]
     images = ForwardModel(scene).expose(poses, rng, rolls)
     std = None if pose_std is None else np.array(pose_std)
-    start = changed("follow", lamp=FLAT) if start == "flat" else load_scene(start)
-    likelihood = CalibrationLikelihood(start, images, poses, rolls, std, places)
+    likelihood = CalibrationLikelihood(started, images, poses, rolls, std, places)
     middle = likelihood.unshifted(likelihood.start())
     shifts = rng.normal(size=middle.shifts.shape) * (0 if std is None else likelihood.pose_std)
     here = middle.parameters + 0.05 * rng.standard_normal(len(middle.parameters))

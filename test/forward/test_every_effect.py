@@ -93,8 +93,17 @@ def test_variance_and_limits_are_those_of_the_second_forward_model(name, data):
     variance, slope = model.variance(light)
     expected = np.array([second_forward.variance(plain, float(value)) for value in light])
     np.testing.assert_allclose(variance, expected, rtol=1e-9)
-    growth = second_forward.noise_variance(plain, 1e6) - second_forward.noise_variance(plain, 0.0)
-    slopes = np.where(expected > 1e-6, growth / 1e6, 0.0)  # above the least there is
+    # Of a polynomial of second order a central difference is the slope; above the least there is.
+    dark = second_forward.black(plain["effects"])
+    beside = [
+        [
+            second_forward.noise_variance(plain, dark + by * max(value - dark, 0))
+            for by in (0.5, 1.5)
+        ]
+        for value in light.tolist()
+    ]
+    lit = np.maximum(light - dark, 1e-300)
+    slopes = np.where((expected > 1e-6) & (light > dark), np.diff(beside)[:, 0] / lit, 0.0)
     np.testing.assert_allclose(slope, slopes, rtol=1e-6, atol=1e-15 * expected.max())
     # No halves, which a converter may round either way.
     readings = np.concatenate([np.floor(light) + 0.3, np.floor(light) + 0.7, [-3.2, -0.4, 2e6]])

@@ -65,6 +65,9 @@ def scenes(draw, names):
     radius_m = width_m * draw(st.floats(0.8, 2)) if shape == "curved" else None
     array = {"width_m": width_m, "bow_m": draw(st.floats(0, 1)), "radius_m": radius_m}
     lamp = {"beam_sigma_deg": draw(st.floats(3, 60)), "reference_range_m": draw(st.floats(3, 9))}
+    lamp["behind_m"] = draw(st.just(0.0) | st.floats(-0.3, 0.3))
+    if "demodulation" in names:
+        lamp["floor_counts"] = draw(st.just(0.0) | st.floats(0, 100))
     return changed(make_scene(shape, side, effects, **lamp), array=array)
 
 

@@ -202,8 +202,13 @@ def detector_faults(image, array, dead, stuck, stuck_counts):
 # In the electronics: the variance of a reading by its light, and what becomes of a reading.
 
 
-def sensor_noise(light, sigma_counts):
+def sensor_noise(light, sigma_counts, relative):
     return sigma_counts**2
+
+
+def trembling(lit, effects):
+    """Return the variance of what is relative to a reading, whatever way it was detected."""
+    return (effects.get("sensor_noise", {}).get("relative", 0.0) * lit) ** 2
 
 
 def shot_noise(light, electrons_per_count):
@@ -252,7 +257,7 @@ def demodulated(scene, light):
         signal = daylight + lit * lamp(t)
         noise = sum(law(signal, **effects[name]) for name, law in NOISE.items() if name in effects)
         total += reference(t) ** 2 * noise / 1000
-    return total
+    return total + trembling(lit, effects)
 
 
 def pedestal(reading, level_counts):
@@ -320,7 +325,7 @@ def unnamed(side, effects, offsets):
         daylight = daylight + [rise * place[axis] for place in grid]
     if "ambient" not in effects:
         daylight = daylight + offsets.get("ambient.level_counts", 0.0)
-    return np.exp(shades), daylight
+    return np.exp(shades), daylight + offsets.get("lamp.floor_counts", 0.0)
 
 
 def image_of(scene, power, effects, pose, roll=0.0, time_s=None, offsets=None):
@@ -331,7 +336,8 @@ def image_of(scene, power, effects, pose, roll=0.0, time_s=None, offsets=None):
     lamp = dict(scene["lamp"])
     lamp["beam_sigma_deg"] += offsets.get("lamp.beam_sigma_deg", 0.0)
     readings = []
-    for ray in rays(array, pose, roll, time_s):
+    from_light = [pose[0] - lamp["behind_m"], *pose[1:]]
+    for ray in rays(array, from_light, roll, time_s):
         if "sea" in effects:
             flux = through_sea(ray, lamp["beam_sigma_deg"], **effects["sea"])
             size = np.linalg.norm(flux)
@@ -349,6 +355,7 @@ def image_of(scene, power, effects, pose, roll=0.0, time_s=None, offsets=None):
         readings.append(light)
     side = array["detectors_per_side"]
     shades, daylight = unnamed(side, effects, offsets)
+    daylight = daylight + lamp["floor_counts"]
     image = (np.array(readings) * shades + daylight).reshape(side, side)
     for name, step in ARRAY.items():
         if name in effects and not (name == "ambient" and "demodulation" in effects):
@@ -380,7 +387,8 @@ def noise_variance(scene, light):
     if "demodulation" in effects:
         return demodulated(scene, light)
     lit = max(light - black(effects), 0.0)
-    return sum(law(lit, **effects[name]) for name, law in NOISE.items() if name in effects)
+    noise = sum(law(lit, **effects[name]) for name, law in NOISE.items() if name in effects)
+    return noise + trembling(lit, effects)
 
 
 def variance(scene, light):

@@ -109,7 +109,7 @@ class Acceptance(TorchSweeps):
         lamp = np.array([readings for _, readings in self._lamp])[part][..., wiring]
         level, noise, freedoms = dark.mean(axis=0), dark.std(axis=0, ddof=1), len(dark) - 1
         # The daylight, too, has shot noise; a gain is the same in all images.
-        own = model.noise._replace(square=0.0)
+        own = model.noise._replace(square=model.analogue_noise.square)
         sigma = np.sqrt(reading_variance(level, own))
         most = MAX_NOISE * sigma * np.sqrt(chdtri(freedoms, FALSE_ALARM) / freedoms)
         middle, steps = float(np.median(level)), np.diff(stamps)

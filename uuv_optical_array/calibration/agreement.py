@@ -44,26 +44,13 @@ class Agreement:
         ones = np.ones((1, len(self.uncensored)))
         return _over_independent(self.residuals.T, self.uncensored.T, ones, self.misfit)
 
-    def noise(self, sigma_counts: float) -> tuple[float, float]:
-        """Return the sensor noise for which the misfit is 1, and its standard error, counts.
-
-        It starts from that of the scene; ValueError where every reading may be censored.
-        """
-        return self._for_no_misfit(sigma_counts, np.ones(self.mean.shape))
-
     def spread(self, std: float) -> tuple[float, float]:
         """Return by how much, relative to the light, readings differ beyond noise; standard error.
 
-        That is for a misfit of 1, 0 at least, and starts from that of the fit. ValueError as above.
+        That is for a misfit of 1, 0 at least, and starts from that of the fit. ValueError where
+        every reading may be censored.
         """
-        return self._for_no_misfit(std, self.mean**2)
-
-    def _for_no_misfit(self, std: float, unit: Array) -> tuple[float, float]:
-        """Return the standard deviation, times the root of `unit`, that replaces one in `variance`.
-
-        The `unit` has the shape ``(m, n)``.
-        """
-        variance, unit = self.variance[self.uncensored], unit[self.uncensored]
+        variance, unit = self.variance[self.uncensored], self.mean[self.uncensored] ** 2
         if not len(variance):
             raise ValueError("noise: every reading is dark or saturated; record more light")
         square = self.residuals[self.uncensored] ** 2 * variance

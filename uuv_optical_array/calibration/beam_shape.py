@@ -13,9 +13,8 @@ import numpy as np
 from scipy.special import chdtri
 
 from uuv_optical_array.calibration.agreement import FALSE_REFUSAL
-from uuv_optical_array.calibration.aims import appearing
 from uuv_optical_array.calibration.fit import MOST_SHAPE, CalibrationFit
-from uuv_optical_array.calibration.parameters import AIMS, SHAPE
+from uuv_optical_array.calibration.parameters import SHAPE
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.beam import NARROWEST_DEG, WIDEST_DEG, WIDTHS_OF_THREE
 from uuv_optical_array.forward.light import HALF_SQUARE
@@ -51,8 +50,7 @@ def residuals_by_angle(fit: CalibrationFit) -> ResidualsByAngle:
     parameters, shifts = fit.state.at
     moved = shifts[likelihood.places]
     given = likelihood.poses + moved[:, :5], likelihood.rolls + moved[:, 5:].sum(axis=1)
-    aims, bow_m = parameters[AIMS], likelihood.scene.array.bow_m
-    poses, rolls, _ = appearing(*given, aims, bow_m)
+    poses, rolls, _ = likelihood.apparent(parameters, *given)
     angles = np.degrees(np.sqrt(2 * likelihood.model.rays(poses, rolls)[HALF_SQUARE]))
     # Of the noise alone, without what the shape of the beam was found to leave.
     std = np.sqrt(agreement.variance - (likelihood.shape_std * agreement.mean) ** 2)

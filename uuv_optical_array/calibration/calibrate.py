@@ -10,33 +10,29 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import logsumexp, softmax
 
 from uuv_optical_array.calibration import notes
 from uuv_optical_array.calibration.beam_shape import ResidualsByAngle, residuals_by_angle
 from uuv_optical_array.calibration.clock_fit import offset_step
 from uuv_optical_array.calibration.fit import CalibrationFit
-from uuv_optical_array.calibration.likelihood import POSE, CalibrationLikelihood
-from uuv_optical_array.calibration.parameters import (
-    AIMS,
-    BACKGROUND,
-    COSINE_POWER,
-    LAMP_AIM,
-    NOISE,
-    POWER,
-    SCATTER,
-    SHAPE,
-    SHARE,
-    SIGMA,
-    SIZE,
-    K,
-    Layout,
+from uuv_optical_array.calibration.found_scene import (
+    as_a_whole,
+    calibrated_scene,
+    reference_reading,
 )
+from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
+from uuv_optical_array.calibration.noise_fit import (
+    NOISE,
+    RELATIVE,
+    UNITS,
+    fitted_noise,
+    noise_of,
+)
+from uuv_optical_array.calibration.parameters import LAMP_AIM, POWER, Layout
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.beam import of_three
-from uuv_optical_array.forward.prior import OWN_GEOMETRY, OWN_POWER
-from uuv_optical_array.forward.scene import Scene, scene_from_settings, without_meaning
+from uuv_optical_array.forward.scene import Scene
 
 REFERENCE = "lamp.reference_counts"
 SHAPE_STD = "prior.beam_shape_std"
@@ -101,7 +97,7 @@ def calibrate(
     - pose_std: standard deviation of each pose, m and rad, shape ``(5,)`` or ``(m, 5)``, > 0;
       ``None``: exact; from `UNKNOWN_STD` on not known, where the pose is a start of the fit. To
       several lamps, which show it, the roll is known as well as the pitch.
-    - fit_noise: whether ``sensor_noise.sigma_counts`` is fitted to the residuals too.
+    - fit_noise: whether ``sensor_noise`` is fitted to the residuals too.
     - on_step: called at every step, to show progress.
     - places: of each image, a whole number from 0 on, shape ``(m,)``: the images of a place share
       the error of its pose. ``None``: those of the images are independent.
@@ -158,25 +154,26 @@ def calibrate(
     fit = CalibrationFit(likelihood, known, on_step)
     reason = notes.refusal(fit, fit_noise)
     if reason or not fit_noise:
-        return _result(scene, fit, (), reason, rates)
-    start = sigma = float(scene.effects["sensor_noise"]["sigma_counts"])
+        return _result(scene, fit, rates, reason)
+    start = noise_of(scene)
     for _ in range(NOISE_ROUNDS):
-        sigma, error = fit.agreement.noise(sigma)
-        settings = scene.settings()
-        settings["effects"]["sensor_noise"]["sigma_counts"] = sigma
-        scene = scene_from_settings(settings, scene.name)
-        likelihood = CalibrationLikelihood(scene, *given)
-        fit = CalibrationFit(likelihood, known, on_step)
-    noise = (FittedParameter(NOISE, "counts", start, sigma, error),)
-    return _result(scene, fit, noise, "", rates)
+        noise = fitted_noise(fit, scene)
+        scene = noise.of(scene)
+        fit = CalibrationFit(CalibrationLikelihood(scene, *given), known, on_step)
+    parts = start.tolist(), noise.values.tolist(), noise.errors.tolist()
+    said = "", "not known" if noise.reason else ""
+    fitted = tuple(map(FittedParameter, (NOISE, RELATIVE), UNITS, *parts, said))
+    told = (f"{RELATIVE} is not known: {noise.reason}",) if noise.reason else ()
+    return _result(scene, fit, rates, "", fitted, told)
 
 
 def _result(
     scene: Scene,
     fit: CalibrationFit,
-    noise: tuple[FittedParameter, ...],
-    reason: str,
     rates: Array | None,
+    reason: str,
+    noise: tuple[FittedParameter, ...] = (),
+    of_noise: tuple[str, ...] = (),
 ) -> Calibration:
     likelihood, held = fit.likelihood, fit.held()
     layout, first = likelihood.layout, likelihood.layout.gains
@@ -184,12 +181,12 @@ def _result(
         raise ValueError(f"images: {notes.advice(fit, POWER)}")
     agreement = fit.agreement
     covariance = fit.covariance(agreement.misfit if agreement.misfit > notes.MISFIT else 1.0)
-    values, covariance = _as_a_whole(layout, fit.state.at.parameters, fit.start, covariance)
+    values, covariance = as_a_whole(layout, fit.state.at.parameters, fit.start, covariance)
     std = np.sqrt(np.diag(covariance))
     std[list(held)] = np.nan
     start, fitted = (np.where(layout.logarithm, np.exp(x), x) for x in (fit.start, values))
     errors = np.where(layout.logarithm, fitted * std, std)
-    if scene.lamps and held.isdisjoint(layout.own[:, 4:].flat):
+    if scene.lamps and held.isdisjoint(layout.own[:, 4:6].flat):
         errors[LAMP_AIM] = np.sqrt(np.diag(covariance)[LAMP_AIM])
     names = layout.names
     together = {i: f"only together with {names[j]}" for i, j in fit.correlated.items() if j < first}
@@ -201,7 +198,7 @@ def _result(
         **dict.fromkeys(fit.unknown, "not known"),
         **dict.fromkeys(fit.known, "held"),
     }
-    reference, slope = _reference(scene, fit, values)
+    reference, slope = reference_reading(scene, fit, values)
     reference_error = reference * float(np.sqrt(slope @ covariance @ slope))
     parameters = [
         FittedParameter(
@@ -220,7 +217,7 @@ def _result(
     outliers[list(fit.outlying_images)] = False
     grid = (scene.array.detectors_per_side,) * 2
     return Calibration(
-        scene=_calibrated_scene(scene, fit, fitted, reference, errors),
+        scene=calibrated_scene(scene, fit, fitted, reference, errors),
         parameters=(*parameters, *noise),
         gains=fitted[first:].reshape(grid),
         gain_std=errors[first:].reshape(grid),
@@ -232,78 +229,7 @@ def _result(
         misfit=agreement.misfit,
         outliers=int(outliers.sum()),
         outlying_images=fit.outlying_images,
-        notes=notes.notes_of(scene, fit, little),
+        notes=(*notes.notes_of(scene, fit, little), *of_noise),
         refusal=reason,
         clock=(0.0, math.inf) if rates is None else offset_step(fit, rates),
     )
-
-
-def _as_a_whole(
-    layout: Layout, values: Array, start: Array, covariance: Array
-) -> tuple[Array, Array]:
-    """Return what scenes have: several lamps' power together, and their aim as the mean of axes."""
-    shares, axes = layout.own[:, 0], layout.own[:, 4:]
-    if not len(shares):
-        return values, covariance
-    values, slopes = values.copy(), np.eye(len(values))
-    values[POWER] += logsumexp(values[shares]) - logsumexp(start[shares])
-    slopes[POWER, shares] = softmax(values[shares])
-    for aim, rows in zip(LAMP_AIM, axes.T, strict=True):
-        slopes[aim, rows] = np.radians(1) / len(rows)
-    return values, slopes @ covariance @ slopes.T
-
-
-def _reference(scene: Scene, fit: CalibrationFit, values: Array) -> tuple[float, Array]:
-    """Return the reading of one lamp with the power of all, and its logarithm's slope, ``(p,)``."""
-    likelihood, first = fit.likelihood, fit.likelihood.layout.gains
-    aligned = np.array([[-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0]])
-    dark = np.zeros((1, *[scene.array.detectors_per_side] * 2))
-    alone = dataclasses.replace(likelihood.scene, lamps=())
-    single = CalibrationLikelihood(alone, dark, aligned, np.zeros(1), None)
-    own = values[:SHARE].copy()
-    own[[*AIMS, BACKGROUND]] = 0.0
-    light, slopes = single.light(own, aligned, np.zeros(1))
-    readings = light[0] * np.exp(values[first:]) * ~likelihood.faulty
-    brightest = int(readings.argmax())
-    slope = np.zeros(len(values))
-    slope[:SHARE] = slopes[0, brightest, POSE:] / light[0, brightest]
-    slope[[*AIMS, BACKGROUND]], slope[first + brightest] = 0.0, 1.0
-    return float(readings[brightest]), slope
-
-
-def _calibrated_scene(
-    scene: Scene, fit: CalibrationFit, values: Array, reference: float, errors: Array
-) -> Scene:
-    settings, layout = scene.settings(), fit.likelihood.layout
-    lamp, effects = settings["lamp"], settings["effects"]
-    # Far more digits than are known, and few enough to read.
-    values = np.array([float(f"{value:.9g}") for value in values])
-    wider = float(values[SIGMA]) - lamp["beam_sigma_deg"]
-    lamp["beam_sigma_deg"] = float(values[SIGMA])
-    for one, own in zip(settings.get("lamps", ()), values[layout.own], strict=True):
-        one |= dict(zip((OWN_POWER, *OWN_GEOMETRY), own.tolist(), strict=True))
-        if "beam_sigma_deg" in one:
-            one["beam_sigma_deg"] += wider
-    if fit.shaped:
-        lamp |= fit.likelihood.beam(fit.state.at.parameters)
-    lamp["reference_counts"] = float(f"{reference:.9g}")
-    if "sea" in effects:
-        sea = {"absorption_per_m": float(values[K]), "scattering_per_m": float(values[SCATTER])}
-        effects["sea"] = sea
-    elif "attenuation" in effects or values[K] > 0:
-        effects["attenuation"] = {"k_per_m": float(values[K])}
-    if BACKGROUND not in fit.held() and ("ambient" in effects or values[BACKGROUND] > 0):
-        effects["ambient"] = {"level_counts": float(values[BACKGROUND])}
-    if COSINE_POWER not in fit.held():
-        effects["field_of_view"] = {"cosine_power": float(values[COSINE_POWER])}
-    if SIZE not in fit.held():
-        settings["array"]["radius_m"] = float(values[SIZE])
-    gains = values[layout.gains :].reshape((scene.array.detectors_per_side,) * 2)
-    drift = {k: v for k, v in effects.get("responsivity", {}).items() if k == "drift_per_c"}
-    effects["responsivity"] = {"gains": gains.tolist(), **drift}
-    settings["prior"] |= layout.prior(scene.prior, values, errors, fit.unknown)
-    if fit.shaped:
-        told = scene.prior.beam_shape_std if fit.unknown & {*SHAPE} else 0.0
-        settings["prior"]["beam_shape_std"] = float(f"{max(fit.likelihood.shape_std, told):.3g}")
-    settings["prior"] |= dict.fromkeys(without_meaning(effects, scene.array, scene.lamps), 0.0)
-    return scene_from_settings(settings, scene.name)

@@ -16,6 +16,7 @@ from uuv_optical_array.calibration.likelihood import (
 )
 from uuv_optical_array.calibration.parameters import (
     BACKGROUND,
+    LAMP_FLOOR,
     POWER,
     SHAPE,
     SHARE,
@@ -112,7 +113,7 @@ class CalibrationFit:
         self.state = likelihood.evaluate(start, expected=True)
         self.dead = self._exclude_dead_detectors()  # whose reading never changes
         # From a lamp far too dim, or of another beam, nothing would seem to be determined.
-        others = ~np.isin(self._layout.kinds, [POWER, SIGMA, BACKGROUND, *SHAPE, SHARE])
+        others = ~np.isin(self._layout.kinds, [POWER, SIGMA, BACKGROUND, *SHAPE, SHARE, LAMP_FLOOR])
         self.unknown = frozenset(np.flatnonzero(others).tolist()) - self._given()
         self.state = likelihood.evaluate(self._refined(start).at, expected=True)
         self.unknown = self._undetermined()

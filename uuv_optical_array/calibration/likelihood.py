@@ -18,7 +18,9 @@ from uuv_optical_array.calibration.aims import appearing
 from uuv_optical_array.calibration.parameters import (
     AIMS,
     BACKGROUND,
+    BEHIND,
     BOUGHT,
+    BY_PRIOR,
     POWER,
     SHAPE,
     SIGMA,
@@ -90,7 +92,7 @@ class CalibrationLikelihood:
         effects.pop("pedestal", None)
         if "demodulation" in effects:
             effects["demodulation"]["pedestal_counts"] = 0.0
-        settings.pop("prior")
+        settings["prior"] = {key: getattr(scene.prior, key) for key in BY_PRIOR}
         self.scene = scene_from_settings(settings, scene.name)
         self.model, original = ForwardModel(self.scene), ForwardModel(scene)
         if array is not None:
@@ -109,17 +111,19 @@ class CalibrationLikelihood:
             self.pose_std = np.broadcast_to(pose_std, poses.shape)[first][:, shifts]
         self.used: NDArray[np.bool_] = np.broadcast_to(self.works, self.readings.shape).copy()
         self.layout = Layout(self.scene)
-        lacking = {*AIMS, *SHAPE, *self.layout.lacking}
+        lacking = {*AIMS, *SHAPE, BEHIND, *self.layout.lacking}
         self._own = [i for i in range(self.layout.gains) if i not in lacking]
         self._of_model = self.start()[: self.layout.gains]
         self._of_model[POWER] = np.log(self.model.power)
         self.taped = self.layout.own[:, 1:4].ravel()
         # How well these places of lamps are known without images: as a rig as bought, or worse.
         self.tape_std_m = max(scene.prior.lamps_place_std_m, BOUGHT["lamps_place_std_m"])
-        self._of_model[BACKGROUND] = self.scene.effects["ambient"]["level_counts"]
+        self._of_model[BACKGROUND], floors = self._levels()
+        self._of_model[self.layout.own[:, -1]] = floors
         # Without the prior's spread of the gains, which are fitted, and without the pedestal.
         low, high = noise.low - noise.black, noise.high - noise.black
         self.noise = noise._replace(black=0.0, low=low, high=high)
+        self._own_square = original.analogue_noise.square
         self.widen(scene.prior.beam_shape_std)
 
     def with_shape(self) -> "CalibrationLikelihood":
@@ -133,7 +137,7 @@ class CalibrationLikelihood:
     def widen(self, shape_std: float) -> None:
         """Let readings differ by so much, relative to the light, from the shape of the beam."""
         self.shape_std = shape_std
-        self.noise = self.noise._replace(square=shape_std**2)
+        self.noise = self.noise._replace(square=shape_std**2 + self._own_square)
 
     @property
     def works(self) -> NDArray[np.bool_]:
@@ -145,7 +149,7 @@ class CalibrationLikelihood:
         gains = np.maximum(self.start_gains, 1e-3)
         scene, works = self.scene, ~self.faulty
         _, attenuation = scene.attenuation
-        level = scene.effects["ambient"]["level_counts"]
+        level, floors = self._levels()
         narrow, _, wide = self.layout.gaussians
         common = np.exp(np.log(gains[works]).mean()) if works.any() else 1.0
         return np.array(
@@ -159,10 +163,37 @@ class CalibrationLikelihood:
                 *np.zeros(len(AIMS)),
                 0.0 if BACKGROUND in self.layout.lacking else level * common,
                 *gaussians_of(scene.lamp)[0][[narrow, wide]],
-                *(own for lamp in scene.lamps for own in (np.log(lamp.power), *_geometry(lamp))),
+                scene.lamp.behind_m,
+                *(
+                    own
+                    for lamp, floor in zip(scene.lamps, floors, strict=True)
+                    for own in (np.log(lamp.power), *_geometry(lamp), floor * common)
+                ),
                 *np.log(gains / common),
             ]
         )
+
+    def _levels(self) -> tuple[float, list[float]]:
+        """Return the background of the scene, counts, and the floor of each of several lamps."""
+        scene = self.scene
+        daylight = scene.effects["ambient"]["level_counts"]
+        level = scene.lamp.floor_counts if self.layout.modulated else daylight
+        return float(level), [lamp.floor_counts for lamp in scene.lamps]
+
+    def background(self, parameters: Array) -> Array:
+        """Return what is no light straight from a lamp, counts, of each reading, ``(n,)``."""
+        layout = self.layout
+        gains = np.exp(parameters[layout.gains :])
+        floors = parameters[layout.own[:, -1]] if len(layout.own) else parameters[[BACKGROUND]]
+        return np.outer(floors, gains).ravel()
+
+    def apparent(self, parameters: Array, poses: Array, rolls: Array) -> tuple[Array, Array, Array]:
+        """Return poses and rolls as they appear, with slopes by those given, as `appearing`."""
+        seen, seen_rolls, by_seen = appearing(
+            poses, rolls, parameters[AIMS], self.scene.array.bow_m
+        )
+        seen[:, 0] -= parameters[BEHIND] - self.scene.lamp.behind_m
+        return seen, seen_rolls, by_seen
 
     def unshifted(self, parameters: Array) -> Unknowns:
         """Return unknowns with the poses as they were recorded."""
@@ -177,9 +208,7 @@ class CalibrationLikelihood:
         sigma_deg = float(np.exp(parameters[SIGMA]))
         offsets = parameters[: self.layout.gains] - self._of_model
         offsets[SIGMA] = sigma_deg - self.scene.lamp.beam_sigma_deg
-        seen, seen_rolls, by_seen = appearing(
-            poses, rolls, parameters[AIMS], self.scene.array.bow_m
-        )
+        seen, seen_rolls, by_seen = self.apparent(parameters, poses, rolls)
         own = {**turned, **{names[i]: np.full(len(poses), offsets[i]) for i in self._own}}
         shape = self._shape(parameters[list(SHAPE)])
         light, by_own = self.model.with_beam(shape).linearised(seen, seen_rolls, own)
@@ -189,6 +218,7 @@ class CalibrationLikelihood:
         by_given = by_own[..., :motions] @ by_seen[:, :motions]
         slopes[..., [*range(POSE), *(POSE + i for i in AIMS)]] = by_given
         slopes[..., POSE + SIGMA] *= sigma_deg
+        slopes[..., POSE + BEHIND] = -by_own[..., 0]  # the follower is nearer by as much
         for i, off in zip(SHAPE, SHAPE_STEP * np.eye(2), strict=True):
             if i not in self.layout.lacking:
                 wider = self._shape(parameters[list(SHAPE)] + off)

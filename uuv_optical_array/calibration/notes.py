@@ -8,13 +8,14 @@ from scipy.special import chdtri
 from uuv_optical_array.calibration.agreement import FALSE_REFUSAL
 from uuv_optical_array.calibration.beam_shape import CHECK, wrong_beam
 from uuv_optical_array.calibration.fit import CalibrationFit
+from uuv_optical_array.calibration.noise_fit import NOISE, RELATIVE, fitted_noise
 from uuv_optical_array.calibration.parameters import (
     ARRAY_AIM,
     BACKGROUND,
     GAINS,
     KINDS,
     LAMP_AIM,
-    NOISE,
+    LAMP_FLOOR,
     PLACE,
     SCATTER,
     SIGMA,
@@ -29,7 +30,7 @@ MISFIT = 1.2  # mean squared residual from which standard errors are widened
 MAX_NOISE_FACTOR = 2.0  # times the noise of the scene; larger residuals are an error of the model
 RANGE_FACTOR = 2.0  # between the ranges that separate attenuation from power
 BEAM_SIGMAS = 2.0  # off the beam's axis, from where readings determine its width
-NONE_AT_LOWEST = K, SCATTER, BACKGROUND, WIDE  # which may be 0
+NONE_AT_LOWEST = K, SCATTER, BACKGROUND, WIDE, LAMP_FLOOR  # which may be 0
 MANY_OUTLIERS = 0.05  # share of the readings from which something else is wrong
 LEAST_AIM, SURE = 0.002, 3.0  # rad, and standard errors, off a frame, from where it is told
 LITTLE, HARDLY = 0.8, "hardly by the images"  # of the error of a tape
@@ -62,9 +63,7 @@ def advice(fit: CalibrationFit, kind: int) -> str:
 def _lit(fit: CalibrationFit, row: int) -> Array:
     """Return a row of the rays, of each used reading where the lamp exceeds the noise."""
     likelihood, state = fit.likelihood, fit.state
-    values = state.at.parameters
-    background = values[BACKGROUND] * np.exp(values[likelihood.layout.gains :])
-    lamp = state.mean - np.resize(background, state.mean.shape[1])
+    lamp = state.mean - likelihood.background(state.at.parameters)
     lit = likelihood.used & (lamp > np.sqrt(state.variance))
     rays = likelihood.model.rays(likelihood.poses, likelihood.rolls)
     return np.asarray(rays[row][lit])
@@ -108,7 +107,7 @@ def _at_bound(fit: CalibrationFit) -> str:
     """Say which setting ends at its bound, unless that is the natural one of nothing at all."""
     layout, values = fit.likelihood.layout, fit.state.at.parameters
     for i in sorted(fit.at_bound):
-        if i in NONE_AT_LOWEST and values[i] <= layout.low[i]:
+        if layout.kinds[i] in NONE_AT_LOWEST and values[i] <= layout.low[i]:
             continue
         name, unit = (layout.names[i], layout.units[i]) if i < layout.gains else ("a gain", "")
         value = np.exp(values[i]) if layout.logarithm[i] else values[i]
@@ -213,10 +212,10 @@ def _residuals(scene: Scene, fit: CalibrationFit) -> list[str]:
             f"not 1; standard errors were multiplied by {np.sqrt(misfit):.2f}"
         )
         if "sensor_noise" in scene.effects and not (common or pattern):
-            sigma, _ = agreement.noise(scene.effects["sensor_noise"]["sigma_counts"])
-            notes.append(
-                f"the residuals are independent, like noise: {NOISE} {sigma:.3g} would explain them"
-            )
+            noise = fitted_noise(fit, scene)
+            told = zip((NOISE, RELATIVE), noise.values, strict=True)
+            words = " and ".join(f"{name} {value:.3g}" for name, value in told)
+            notes.append(f"the residuals are independent, like noise: {words} would explain them")
     elif misfit < 1 / MISFIT and agreement.uncensored.any():
         notes.append(
             f"mean squared residual {misfit:.2f}, below 1: the noise is less than the scene "

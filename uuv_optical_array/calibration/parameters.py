@@ -2,11 +2,12 @@
 
 First what all lamps share: power, width of the beam, attenuation (K, or the absorption of a sea),
 scattering, power of the detectors' cosine, radius of the sphere, pitch and yaw of the lamp on the
-leader and of the array on its mount, background, and the shape of the beam; then power, place,
-pitch and yaw of each of several lamps; and the gain of each detector. `KINDS` says which are
+leader and of the array on its mount, background (daylight, or the floor of a modulated lamp), the
+shape of the beam, and how far behind its face a lamp's light comes from; then power, place, pitch,
+yaw and floor of each of several lamps; and the gain of each detector. `KINDS` says which are
 logarithms. Powers and mean gain are one product, so the geometric means of gains and of lamps' own
 powers stay: the gauge. What a scene lacks is held, and so is the aim of several lamps, which turns
-all axes and places.
+all axes and places. Shape, floors and the place behind the face are there where the prior has them.
 """
 
 from collections.abc import Collection
@@ -19,6 +20,8 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.prior import (
     AMBIENT,
     BEAM_SIGMA,
+    FLOOR,
+    OWN_FLOOR,
     OWN_GEOMETRY,
     OWN_POWER,
     PRIORS,
@@ -37,12 +40,16 @@ LAMP_AIM, ARRAY_AIM = [6, 7], [8, 9]  # pitch and yaw
 AIMS = [*LAMP_AIM, *ARRAY_AIM]
 BACKGROUND = 10
 SHAPE = NARROW, WIDE = 11, 12  # weights of the beam's narrowest and widest Gaussian
-SHARE, PLACE, AXIS, GAINS = range(13, 17)
-OWN = SHARE, PLACE, PLACE, PLACE, AXIS, AXIS  # of each of several lamps
+BEHIND = 13
+SHARE, PLACE, AXIS, LAMP_FLOOR, GAINS = range(14, 19)
+OWN = SHARE, PLACE, PLACE, PLACE, AXIS, AXIS, LAMP_FLOOR  # of each of several lamps
+OWN_NAMES = OWN_POWER, *OWN_GEOMETRY, OWN_FLOOR
 AIM_NAMES = tuple(
     f"{part}.aim_{angle}_rad" for part in ("lamp", "array") for angle in ("pitch", "yaw")
 )
-NOISE = "sensor_noise.sigma_counts"  # fitted to the residuals on request
+BEHIND_M = "lamp.behind_m"
+# What a calibration fits where the prior leaves it uncertain.
+BY_PRIOR = "lamp_behind_std_m", "lamp_floor_std_counts", "lamps_floor_std_counts"
 
 
 class Kind(NamedTuple):
@@ -65,8 +72,10 @@ TURN = "turn the array up to 30 deg while the lamp shines on it"
 ASIDE = "record poses on all sides of the beam's axis"
 WIDELY = "record poses from the beam's axis to twice its width off it"
 OFF = "record some images with the lamp off, out of its beam or far away"
+OUT_OF_BEAM = "record some images out of this lamp's beam or far away"
 DARK = "too little light of this lamp; switch it on, and record in its beam"
 AROUND = "record closer to the lamps, on all sides of them and at several ranges"
+NEAR_AND_FAR = "record from close to the lamp to far from it, near its axis"
 SHIFT = "turn and shift the array so that the lamp shines on it"
 KINDS = (
     Kind("counts m^2", -50.0, 50.0, 0.15, "lamp_power_std", NEARER, True),
@@ -79,15 +88,17 @@ KINDS = (
     *[Kind("rad", -0.3, 0.3, 0.02, "aim_std_deg", ASIDE)] * 2,
     Kind("counts", 0.0, 1e6, 0.02, "ambient_std_counts", OFF),
     *[Kind("", -5.0, 5.0, 0.2, "", WIDELY)] * 2,
+    Kind("m", -1.0, 1.0, 0.05, "lamp_behind_std_m", NEAR_AND_FAR),
     Kind("", -FACTOR, FACTOR, BOUGHT["lamps_power_std"], "lamps_power_std", DARK, True),
     Kind("m", -10.0, 10.0, 1.0, "lamps_place_std_m", AROUND),  # a tape tells more
     Kind("deg", -45.0, 45.0, BOUGHT["lamps_aim_std_deg"], "lamps_aim_std_deg", ASIDE),
+    Kind("counts", 0.0, 1e6, 0.02, "lamps_floor_std_counts", OUT_OF_BEAM),
     Kind("", -FACTOR, FACTOR, 0.15, "gain_std", SHIFT, True),
 )
 # Which of several correlated parameters is held first; the power absorbs what the others leave.
 HOLD_ORDER = (
-    *(*SHAPE, SIZE, COSINE_POWER, SCATTER, *AIMS, AXIS),
-    *(K, SIGMA, BACKGROUND, SHARE, GAINS, PLACE, POWER),
+    *(*SHAPE, BEHIND, SIZE, COSINE_POWER, SCATTER, *AIMS, AXIS),
+    *(K, SIGMA, BACKGROUND, LAMP_FLOOR, SHARE, GAINS, PLACE, POWER),
 )
 
 
@@ -101,14 +112,17 @@ class Layout:
         widths = scene.lamp.beam_widths or (1.0,)
         order = sorted(range(len(widths)), key=lambda k: widths[k])
         self.gaussians = order[0], order[(len(order) - 1) // 2], order[-1]
+        self.modulated = "demodulation" in scene.effects
+        background = FLOOR if self.modulated else AMBIENT
         # Of those before the gains, dotted as in scenes.
         self.names = (
-            *(LAMP_POWER, BEAM_SIGMA, water, SCATTERING, RESPONSE, RADIUS, *AIM_NAMES, AMBIENT),
+            *(LAMP_POWER, BEAM_SIGMA, water, SCATTERING, RESPONSE, RADIUS, *AIM_NAMES, background),
             *(f"lamp.beam_weights.{self.gaussians[k]}" for k in (0, 2)),
-            *(of_lamp(i, key) for i in lamps for key in (OWN_POWER, *OWN_GEOMETRY)),
+            BEHIND_M,
+            *(of_lamp(i, key) for i in lamps for key in OWN_NAMES),
         )
         self.gains = len(self.names)  # the place of the first
-        # Places of those of each of several lamps, (L, 6).
+        # Places of those of each of several lamps, (L, 7).
         self.own = np.arange(SHARE, self.gains).reshape(-1, len(OWN))
         detectors = scene.array.detectors_per_side**2
         self.kinds = np.array([*range(SHARE), *OWN * len(lamps), *[GAINS] * detectors])
@@ -117,9 +131,11 @@ class Layout:
             COSINE_POWER: "half_angle_deg" not in scene.effects.get("field_of_view", {}),
             SIZE: scene.array.radius_m is not None,
             **dict.fromkeys(LAMP_AIM, not lamps),
-            BACKGROUND: "demodulation" not in scene.effects,
+            BACKGROUND: not self.modulated or scene.prior.lamp_floor_std_counts > 0,
             NARROW: len(widths) > 2,
             WIDE: len(widths) > 1,
+            BEHIND: scene.prior.lamp_behind_std_m > 0,
+            **dict.fromkeys(self.own[:, -1].tolist(), scene.prior.lamps_floor_std_counts > 0),
         }
         # Those that the scene does not have.
         self.lacking = frozenset(i for i, there in has.items() if not there)
@@ -130,7 +146,7 @@ class Layout:
         self.low, self.high, self.largest = np.array(
             [(kind.low, kind.high, kind.largest) for kind in kinds]
         ).T
-        self.largest[BACKGROUND] *= scene.full_scale_counts
+        self.largest[np.isin(self.kinds, (BACKGROUND, LAMP_FLOOR))] *= scene.full_scale_counts
         self.low[WIDE] = 0.0  # else there is no light far off the axis
         self.low[SIGMA] -= np.log(min(widths))
         self.high[SIGMA] -= np.log(max(widths))
@@ -161,8 +177,10 @@ class Layout:
         sizes = errors / relative
         sizes[AIMS] = np.degrees(np.hypot(errors[AIMS], values[AIMS]))
         water = "k_std_per_m" if SCATTER in self.lacking else "absorption_std_per_m"
-        keys = np.array([KINDS[kind].prior or water for kind in self.kinds])
+        keys = np.array([KINDS[kind].prior or water for kind in self.kinds], dtype=object)
         keys[list(SHAPE)] = ""
+        if self.modulated:
+            keys[BACKGROUND] = "lamp_floor_std_counts"
         for key in dict.fromkeys(keys[keys != ""].tolist()):
             rows = np.flatnonzero(keys == key)
             stds = sizes[rows]

@@ -1,7 +1,8 @@
-"""How poses appear where lamp and array do not point exactly where the scene says.
+"""How poses appear where lamp and array do not stand or point exactly as the scene says.
 
 No image tells anything of it: the same light is that of another pose. So the aim is no constant
-that a fit could learn, but a part of the pose's covariance that is the same in every frame.
+that a fit could learn, but a part of the pose's covariance that is the same in every frame. So is
+how far behind its face a lamp's light seems to come from.
 """
 
 import math
@@ -13,18 +14,21 @@ from uuv_optical_array.forward.scene import Scene
 
 
 def aim_slopes(scene: Scene, pose: Array, roll: float = 0.0) -> Array:
-    """Return by how much a pose is off by one standard deviation of each aim, shape ``(5, 4)``.
+    """Return by how much a pose is off by one standard deviation of each aim, shape ``(5, k)``.
 
-    Columns are pitch and yaw of the array on its mount, then of the lamp; the pose is in m and rad.
+    Columns are pitch and yaw of the array on its mount, then of the lamp, and, where the scene's
+    prior has it, ``lamp.behind_m``; the pose is in m and rad.
     """
-    of_array, of_lamp = map(math.radians, (scene.prior.aim_std_deg, scene.prior.lamp_aim_std_deg))
+    prior = scene.prior
+    of_array, of_lamp = map(math.radians, (prior.aim_std_deg, prior.lamp_aim_std_deg))
     on_mount = turned_on_mount(pose, roll, scene.array.bow_m)
-    slopes = np.empty((5, 4))
-    slopes[:, :2], slopes[:, 2:] = of_array * on_mount, of_lamp * turned_about_lamp(pose)
+    slopes = np.empty((5, 4 if prior.lamp_behind_std_m == 0 else 5))
+    slopes[:, :2], slopes[:, 2:4] = of_array * on_mount, of_lamp * turned_about_lamp(pose)
+    slopes[:, 4:] = prior.lamp_behind_std_m * np.eye(5)[:, :1]
     return slopes
 
 
 def apparent(scene: Scene, poses: Array, aims: Array) -> Array:
     """Return poses ``(n, 5)`` as they appear under aims ``(n, 4)`` in standard deviations."""
-    moved = [aim_slopes(scene, pose) @ aim for pose, aim in zip(poses, aims, strict=True)]
+    moved = [aim_slopes(scene, pose)[:, :4] @ aim for pose, aim in zip(poses, aims, strict=True)]
     return poses + np.array(moved).reshape(poses.shape)

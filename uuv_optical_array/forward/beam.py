@@ -47,6 +47,12 @@ class LampSettings:
     beam_weights: Annotated[
         Numbers | None, Quantity("of each on the axis, 1 in all", "", -10, 10)
     ] = None
+    behind_m: Annotated[
+        float, Quantity("of its face, on its axis: whence light seems to come", "m", -1, 1)
+    ] = 0.0
+    floor_counts: Annotated[
+        float, Quantity("of its light, if modulated, that comes from all around", "counts", 0, 1e6)
+    ] = 0.0
     photometry: Annotated[
         str | None, Quantity("path of an IES or EULUMDAT file, in place of all beam_ keys")
     ] = None  # in a scene that was read it is replaced by these

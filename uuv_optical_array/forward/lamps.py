@@ -41,6 +41,9 @@ class BeaconLamp:
     beam_sigma_deg: Annotated[
         float | None, Quantity("null: that of the scene's lamp", "deg", 0.1, 90)
     ] = None
+    floor_counts: Annotated[
+        float, Quantity("of its light that comes from all around", "counts", 0, 1e6)
+    ] = 0.0
 
 
 def ring_of_lamps(
@@ -97,13 +100,16 @@ def checked_lamps(values: Any) -> tuple[BeaconLamp, ...]:
     return lamps
 
 
-def lamps_in_numbers(lamps: tuple[BeaconLamp, ...], sigma_rad: float) -> Array:
+def lamps_in_numbers(
+    lamps: tuple[BeaconLamp, ...], sigma_rad: float, behind_m: float = 0.0
+) -> Array:
     """Return lamps by rows: place, m, pitch and yaw, rad, share, and the beam's sigma, ``(7, L)``.
 
-    Without lamps it is the one at the origin, whose beam has the standard deviation `sigma_rad`.
+    Without lamps it is one, `behind_m` behind the origin on its axis, whose beam has the standard
+    deviation `sigma_rad`.
     """
     if not lamps:
-        return np.array([[0.0], [0.0], [0.0], [0.0], [0.0], [1.0], [sigma_rad]])
+        return np.array([[behind_m], [0.0], [0.0], [0.0], [0.0], [1.0], [sigma_rad]])
     whole = sum(lamp.power for lamp in lamps)
     rows = [
         (

@@ -39,6 +39,8 @@ from uuv_optical_array.forward.prior import (
     ATTENUATION,
     BEAM_SIGMA,
     DAYLIGHT,
+    FLOOR,
+    OWN_FLOOR,
     OWN_GEOMETRY,
     OWN_POWER,
     POWER,
@@ -102,6 +104,7 @@ class ForwardModel:
         self._beside_slope, self._beside_share, self._level_counts = 0.0, 0.0, np.inf
         variance = float(sum(form.variance for form in noises))
         slope, known = float(sum(form.slope for form in noises)), set[str]()
+        square = float(sum(form.square for form in noises))
         for form in self._of(forms.Demodulation):
             # Daylight leaves the readings, and stays in their noise.
             level = sum(step.scale for step in self._of(Background) if step.nuisance == AMBIENT)
@@ -125,9 +128,9 @@ class ForwardModel:
             # Rounding is uniform within a count.
             low, high, rounding = 0.0, float(np.rint(min(converter.largest, high))), 1 / 12
         black = scene.black_counts
-        self.analogue_noise = ReadingNoise(variance, slope, low, high, black=black)
+        self.analogue_noise = ReadingNoise(variance, slope, low, high, square, black)
         self.noise = self.analogue_noise._replace(
-            variance=variance + rounding, square=scene.prior.spread**2
+            variance=variance + rounding, square=scene.prior.spread**2 + square
         )
         named = [form.nuisance for form in self._of(forms.Transmission)]
         named += [form.nuisance for kind in (Background, Gain) for form in self._of(kind)]
@@ -142,6 +145,15 @@ class ForwardModel:
             for setting, mode in zip((OWN_POWER, *SHADES), modes, strict=True):
                 name = of_lamp(i, setting)
                 self._unknown[name] = Shade(np.kron(own, mode), nuisance=name)
+        floors = [lamp.floor_counts for lamp in scene.lamps] or [scene.lamp.floor_counts]
+        if "demodulation" in scene.effects:
+            for i, (own, floor) in enumerate(zip(np.eye(len(floors)), floors, strict=True)):
+                name = of_lamp(i, OWN_FLOOR) if lamps else FLOOR
+                form = Background(np.kron(own, modes[0]), floor, name)
+                if floor:
+                    self._forms, named = (form, *self._forms), [*named, name]
+                else:
+                    self._unknown[name] = form
         geometry = [of_lamp(i, setting) for i in lamps for setting in OWN_GEOMETRY]
         # The radius of a planar array changes nothing.
         names = POWER, BEAM_SIGMA, RADIUS, *named, *self._unknown, *geometry, ROLL
@@ -149,7 +161,7 @@ class ForwardModel:
         self._gaussians = gaussians_of(scene.lamp)
         # The power of all lamps is that of one at the origin.
         sigma_rad = float(np.radians(scene.lamp.beam_sigma_deg))
-        self.power, self._lamps = 1.0, lamps_in_numbers((), sigma_rad)
+        self.power, self._lamps = 1.0, lamps_in_numbers((), sigma_rad, scene.lamp.behind_m)
         aligned = np.array([-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0])
         # The slope by the power's logarithm is the lamp's light, without rounding by daylight.
         _, slopes = self.linearised(aligned, offsets={POWER: np.zeros(())})
@@ -160,7 +172,7 @@ class ForwardModel:
                 "gives the aligned array no light; give a range at which the array sees the lamp"
             )
         self.power = scene.lamp.reference_counts / unit_reading
-        self._lamps = lamps_in_numbers(scene.lamps, sigma_rad)
+        self._lamps = lamps_in_numbers(scene.lamps, sigma_rad, scene.lamp.behind_m)
         self.image_shape = self._lamps.shape[1] * self.array.side, self.array.side
 
     def with_beam(self, gaussians: Array) -> "ForwardModel":
@@ -424,10 +436,11 @@ class ForwardModel:
         """
         image = light
         noise = self.analogue_noise
-        if noise.variance or noise.slope:
+        if noise.variance or noise.slope or noise.square:
             if rng is None:
                 raise ValueError("rng: missing; this scene has noise, pass a numpy Generator")
-            variance = noise.variance + noise.slope * np.maximum(light - noise.black, 0.0)
+            lit = np.maximum(light - noise.black, 0.0)
+            variance = noise.variance + (noise.slope + noise.square * lit) * lit
             variance = variance + self._beside_slope * beside
             image = light + np.sqrt(variance) * rng.standard_normal(light.shape)
         if np.any(beside):

@@ -23,7 +23,14 @@ from uuv_optical_array.core.numerics.elementwise import (
 )
 from uuv_optical_array.forward.effects.detectors import housing, lens, port
 from uuv_optical_array.forward.effects.water import beer
-from uuv_optical_array.forward.lamps import DEGREE, GEOMETRY, SHARE, SIGMA, one_of_lamps
+from uuv_optical_array.forward.lamps import (
+    DEGREE,
+    GEOMETRY,
+    PLACE_X,
+    SHARE,
+    SIGMA,
+    one_of_lamps,
+)
 from uuv_optical_array.forward.light import (
     ALONG,
     AXIAL,
@@ -65,7 +72,7 @@ class ReadingNoise(NamedTuple):
     """How a scene's readings differ from the light.
 
     - variance, slope, square: variance of a reading in the dark, counts^2, with rounding; its
-      growth with the light, counts, and with its square: the variance of an unknown relative gain.
+      growth with the light, counts, and with its square: the variance of what is relative to it.
     - low, high: limits of the readings, counts: at `low` or below, the light was at most `low` +
       0.5, at `high` or above at least `high` - 0.5.
     - black: reading of darkness, counts, which is no light.
@@ -224,14 +231,17 @@ def write_light(
     rays = workspace(RAY_ROWS, lamp[0], n)
     beam = workspace(BEAM_ROWS + len(optics.laws), lamp[0], n)
     by_geometry, several = zeros(6, GEOMETRY, lamp[0]), count > 1
-    own_slopes = zeros(6, slopes.shape[1] if several else 0, lamp[0])
+    moved = several or optics.lamps[PLACE_X, 0] != 0
+    own_slopes = zeros(6, slopes.shape[1] if moved else 0, lamp[0])
     own = workspace(rows if several else 0, lamp[0], n)
     for i in range(count):
         one, one_slopes, one_image = lamp, slopes, image
-        if several:
+        if moved:
             known = optics.lamps, optics.lamp_at, i, attitude, nuisances
             one = one_of_lamps(*known, lamp, slopes, own_slopes, by_geometry)
-            one_slopes, one_image = own_slopes, own
+            one_slopes = own_slopes
+        if several:
+            one_image = own
         illuminate(optics, i, one, nuisances, rays, beam, rows > 1)
         project(optics, i, one, one_slopes, by_geometry, nuisances, rays, beam, one_image)
         if several:

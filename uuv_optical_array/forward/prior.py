@@ -19,7 +19,7 @@ from uuv_optical_array.forward.effects.forms import Background, Shade, Transmiss
 from uuv_optical_array.forward.effects.water import beer
 
 # Names of uncertain settings.
-POWER, BEAM_SIGMA = "lamp.power", "lamp.beam_sigma_deg"
+POWER, BEAM_SIGMA, FLOOR = "lamp.power", "lamp.beam_sigma_deg", "lamp.floor_counts"
 ATTENUATION, AMBIENT = "attenuation.k_per_m", "ambient.level_counts"
 ABSORPTION, SCATTERING = "sea.absorption_per_m", "sea.scattering_per_m"
 RESPONSE, RADIUS = "field_of_view.cosine_power", "array.radius_m"
@@ -27,7 +27,7 @@ TEMPERATURE = "responsivity.temperature_c"
 ROLL = "follower.roll_rad"  # which several lamps show, as a turn about the beacon's x
 # What is a lamp's own, in the order of the places of `lamps.one_of_lamps`, and its power.
 OWN_GEOMETRY = "x_m", "y_m", "z_m", "pitch_deg", "yaw_deg"
-OWN_POWER = "power"
+OWN_POWER, OWN_FLOOR = "power", "floor_counts"
 LAMP_POWER = Quantity("of all lamps, or each, relative to the scene's; 0: off", "", 0, 100)
 NO_POWER = 1e-300  # of a lamp that is off: its logarithm has to be finite
 LOGARITHMS = POWER, SCATTERING, RADIUS  # whose offset is that of their logarithm
@@ -61,11 +61,13 @@ class Uncertain(NamedTuple):
     needs: str = ""
 
 
-LAMPS = "lamps"
+LAMPS, ONE_LAMP = "lamps", "lamp"
 UNCERTAIN = {
     "lamp_power_std": Uncertain((POWER,), 0.1, 0.2),
     "beam_sigma_std_deg": Uncertain((BEAM_SIGMA,), 0.3, 0.5),
     "beam_shape_std": Uncertain((), 0.005, 0.01),  # of a beam of several Gaussians
+    "lamp_behind_std_m": Uncertain((), needs=ONE_LAMP),
+    "lamp_floor_std_counts": Uncertain((FLOOR,), needs=ONE_LAMP),
     "k_std_per_m": Uncertain((ATTENUATION,), 0.02, 0.05, "effects.attenuation"),
     "absorption_std_per_m": Uncertain((ABSORPTION,), 0.02, 0.05, "effects.sea"),
     "scattering_std": Uncertain((SCATTERING,), 0.5, 0.7, "effects.sea"),
@@ -79,6 +81,7 @@ UNCERTAIN = {
     "lamps_power_std": Uncertain((OWN_POWER,), 0.03, 0.1, LAMPS),
     "lamps_aim_std_deg": Uncertain(OWN_GEOMETRY[3:], 0.2, 0.5, LAMPS),
     "lamps_place_std_m": Uncertain(OWN_GEOMETRY[:3], 0.002, 0.01, LAMPS),
+    "lamps_floor_std_counts": Uncertain((OWN_FLOOR,), needs=LAMPS),
     "roll_std_deg": Uncertain((), 1.15, 1.15, LAMPS),
     "gain_std": Uncertain((), 0.005, 0.01),
     "uneven_probability": Uncertain((), 0.1, 0.1),
@@ -118,6 +121,10 @@ class PriorSettings:
         float,
         Quantity("relative, of the light by the beam's shape", "", 0, 0.3),
     ] = 0.0
+    lamp_behind_std_m: Annotated[float, Quantity("of lamp.behind_m", "m", 0, 1)] = 0.0
+    lamp_floor_std_counts: Annotated[float, Quantity("of lamp.floor_counts", "counts", 0, 1e6)] = (
+        0.0
+    )
     k_std_per_m: Annotated[float, Quantity("of the attenuation", "1/m", 0, 1)] = 0.0
     absorption_std_per_m: Annotated[float, Quantity("of the absorption", "1/m", 0, 1)] = 0.0
     scattering_std: Annotated[float, Quantity("relative", "", 0, 2)] = 0.0
@@ -142,6 +149,9 @@ class PriorSettings:
     ] = 0.0
     lamps_aim_std_deg: Annotated[float, Quantity("of pitch and yaw of each", "deg", 0, 10)] = 0.0
     lamps_place_std_m: Annotated[float, Quantity("of each, by axis", "m", 0, 1)] = 0.0
+    lamps_floor_std_counts: Annotated[
+        float, Quantity("of the floor_counts of each", "counts", 0, 1e6)
+    ] = 0.0
     roll_std_deg: Annotated[
         float, Quantity("of the follower's roll, which several lamps show", "deg", 0, 45)
     ] = 0.0
@@ -203,8 +213,8 @@ class PriorSettings:
 
     @property
     def aimed(self) -> bool:
-        """Whether lamp and array are known to point exactly along their frames."""
-        return self.aim_std_deg == 0 and self.lamp_aim_std_deg == 0
+        """Whether lamp and array are known to stand and point exactly as their frames."""
+        return self.aim_std_deg == self.lamp_aim_std_deg == self.lamp_behind_std_m == 0
 
     @property
     def uneven_share(self) -> float:

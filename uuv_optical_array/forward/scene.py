@@ -21,6 +21,8 @@ from uuv_optical_array.forward.prior import (
     AMBIENT,
     ATTENUATION,
     GRADIENTS,
+    LAMPS,
+    ONE_LAMP,
     PRIORS,
     UNCERTAIN,
     PriorSettings,
@@ -203,16 +205,19 @@ class Scene:
 
 
 DAYLIGHT_STDS = "ambient_std_counts", "ambient_gradient_std_counts"  # which demodulation removes
+FLOOR_STDS = ("lamp_floor_std_counts",)  # of what is daylight without it
+
+NO_FLOOR = "without demodulation it is no other than daylight; give effects.ambient"
 
 
 def without_meaning(
     effects: Mapping[str, Any], array: ArraySettings, lamps: Sequence[BeaconLamp]
 ) -> list[str]:
     """Return the keys of the prior that are about what a scene does not have."""
-    there = {f"effects.{name}" for name in effects} | ({"lamps"} if lamps else set())
+    there = {f"effects.{name}" for name in effects} | {LAMPS if lamps else ONE_LAMP}
     there |= {f"array.{name}" for name, value in vars(array).items() if value is not None}
     unused = [key for key, each in UNCERTAIN.items() if each.needs and each.needs not in there]
-    return [*unused, *DAYLIGHT_STDS] if "demodulation" in effects else unused
+    return [*unused, *(DAYLIGHT_STDS if "demodulation" in effects else FLOOR_STDS)]
 
 
 def scene_from_settings(settings: Any, name: str) -> Scene:
@@ -246,6 +251,10 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
                         values[key] = 0.0
                     elif values[key] > 0 and key in DAYLIGHT_STDS:
                         raise ValueError(f"prior.{key}: demodulation removes daylight; give 0")
+                    elif values[key] > 0 and UNCERTAIN[key].needs == ONE_LAMP and lamps:
+                        raise ValueError(f"prior.{key}: each of the lamps has its own; give 0")
+                    elif values[key] > 0 and key in FLOOR_STDS:
+                        raise ValueError(f"prior.{key}: {NO_FLOOR}")
                     elif values[key] > 0:
                         needs = UNCERTAIN[key].needs
                         raise ValueError(f"prior.{key}: the scene has no {needs}; add it")
@@ -260,6 +269,14 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
             raise ValueError("effects.pedestal: demodulation has its own; leave it out")
         if lamps and "demodulation" not in effects:
             raise ValueError("lamps: nothing tells them apart; add effects.demodulation")
+        if scene.lamp.floor_counts and not lamps and "demodulation" not in effects:
+            raise ValueError(f"lamp.floor_counts: {NO_FLOOR}")
+        for key in ("floor_counts", "behind_m"):
+            if lamps and (value := getattr(scene.lamp, key)):
+                own = {"behind_m": "x_m"}.get(key, key)
+                raise ValueError(
+                    f"lamp.{key}: {value:g}, but each of the lamps has its own; give lamps[0].{own}"
+                )
         if lamps and "forward_scatter" in effects:
             raise ValueError("effects.forward_scatter: of one lamp only; use sea")
     except ValueError as error:

@@ -84,7 +84,7 @@ def frame_kinds(model: ForwardModel, pose_mean: Array, pose_std: Array) -> list[
         mean = problem.nuisance_mean.copy()
         if light.cloud:
             mean[names.index(POWER)] = -light.depth
-        noise = problem.noise._replace(square=gain_std**2)
+        noise = problem.noise._replace(square=gain_std**2 + model.analogue_noise.square)
         problem = problem._replace(nuisance_mean=mean, noise=noise)
         doubt = shade_doubt(model.scene.lamp_count) if light.cloud else 1.0
         clear = kinds[0].names if kinds else names

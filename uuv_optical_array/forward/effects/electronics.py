@@ -22,9 +22,16 @@ def sensor_noise(
     array: DetectorArray,
     *,
     sigma_counts: Annotated[float, Quantity("standard deviation of a reading", "counts", 0, 1e6)],
+    relative: Annotated[
+        float, Quantity("a part of it that is relative to the reading, as of gains", "", 0, 1)
+    ] = 0.0,
 ) -> Noise:
-    """Net noise of a detector and its amplifier, Gaussian (Eren et al. 2016, eq. 7)."""
-    return Noise(sigma_counts**2)
+    """Net noise of a detector and its amplifier, Gaussian (Eren et al. 2016, eq. 7).
+
+    The relative part is that of a lamp or a gain that trembles from one reading to the next, of
+    each detector by itself. `demodulation` changes the other, and leaves it as it is.
+    """
+    return Noise(sigma_counts**2, square=relative**2)
 
 
 def shot_noise(

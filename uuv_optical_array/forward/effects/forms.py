@@ -81,11 +81,13 @@ class Blur:
 class Noise:
     """Independent Gaussian noise of a reading; the variances of all sources add up.
 
-    The variance is that in the dark, counts^2, and `slope` its growth with the light, counts.
+    The variance is that in the dark, counts^2, `slope` its growth with the light, counts, and
+    `square` with the square of the light.
     """
 
     variance: float
     slope: float = 0.0
+    square: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,8 @@ class Calibration:
     scene: Scene  # the starting scene with the fitted values, and their errors in its prior
     # What the scene has of `parameters.Layout`; the reference reading by it; the noise, if fitted.
     parameters: tuple[FittedParameter, ...]
+    # By how much poses of each place are off those given, m and rad, (k, 5); empty: exact ones.
+    shifts: Array
     gains: Array  # geometric mean 1, (side, side)
     gain_std: Array  # nan where one was held, (side, side)
     correlation: Array  # of the parameters before the reference reading; nan where one was held
@@ -219,6 +221,7 @@ def _result(
     return Calibration(
         scene=calibrated_scene(scene, fit, fitted, reference, errors),
         parameters=(*parameters, *noise),
+        shifts=fit.state.at.shifts[:, :5] if likelihood.pose_std is not None else np.zeros((0, 5)),
         gains=fitted[first:].reshape(grid),
         gain_std=errors[first:].reshape(grid),
         correlation=covariance[np.ix_(there, there)] / np.outer(std[there], std[there]),

@@ -149,11 +149,11 @@ class ForwardModel:
         if "demodulation" in scene.effects:
             for i, (own, floor) in enumerate(zip(np.eye(len(floors)), floors, strict=True)):
                 name = of_lamp(i, OWN_FLOOR) if lamps else FLOOR
-                form = Background(np.kron(own, modes[0]), floor, name)
+                constant = Background(np.kron(own, modes[0]), floor, name)
                 if floor:
-                    self._forms, named = (form, *self._forms), [*named, name]
+                    self._forms, named = (constant, *self._forms), [*named, name]
                 else:
-                    self._unknown[name] = form
+                    self._unknown[name] = constant
         geometry = [of_lamp(i, setting) for i in lamps for setting in OWN_GEOMETRY]
         # The radius of a planar array changes nothing.
         names = POWER, BEAM_SIGMA, RADIUS, *named, *self._unknown, *geometry, ROLL

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     texts = [report_lamps(rows, args.poses)] if rows else []
     result: dict[str, Any] = {"seed": args.seed, "complete": complete, "lamps": rows, "rooms": []}
     if complete:
-        found, complete = until_interrupted(map(measure_room, rooms))
+        found, complete = until_interrupted(measure_room(each, args.seed) for each in rooms)
         texts += map(report_room, found)
         result |= {"complete": complete, "rooms": found}
     text = "\n\n".join(texts)

@@ -20,8 +20,11 @@ from uuv_optical_array.studies.measured_room import (
 )
 from uuv_optical_array.studies.shared.errors import SIGMAS
 
+# What is known of an array's attitude: key, words, and the numbers that are left.
+ATTITUDES = ("open", "", 5), ("attitude", ", to 2 deg", 5), ("level", ", level", 3)
 
-def measure_room(path: Path) -> dict[str, Any]:
+
+def measure_room(path: Path, seed: int) -> dict[str, Any]:
     """Return the figures of a room: its lamps, places in the plane, and virtual arrays."""
     room = read_room(path)
     learn = room.of(LEARN)
@@ -38,6 +41,7 @@ def measure_room(path: Path) -> dict[str, Any]:
                 "sigma_std_deg": sigma.std,
                 "noise_counts": lamp.noise[0],
                 "noise_share": lamp.noise[1],
+                "pattern": lamp.pattern._asdict(),
                 "residuals": lamp.off,
             }
         )
@@ -57,7 +61,7 @@ def measure_room(path: Path) -> dict[str, Any]:
     others = room.of(CLEAR)
     for i, lamp in enumerate(lamps):
         for known in ("calibrated", "as_bought"):
-            figures = virtual_array(others, lamp, i, known)
+            figures = virtual_array(others, lamp, known, seed)
             result["arrays"].append({"lamp": i, "known": known, **figures})
     return dict(plain(result))
 
@@ -65,7 +69,7 @@ def measure_room(path: Path) -> dict[str, Any]:
 def report_room(result: dict[str, Any]) -> str:
     """Return the figures of a room as tables."""
     edges = [f"{a} to {b} deg" for a, b in pairwise(ANGLES_DEG)]
-    rows = [["lamp", "x, y (m)", "floor", "sigma (deg)", "noise", "share", *edges]]
+    rows = [["lamp", "x, y (m)", "floor", "sigma (deg)", "noise", "share", "pattern", *edges]]
     for i, lamp in enumerate(result["lamps"]):
         rows.append(
             [
@@ -75,6 +79,7 @@ def report_room(result: dict[str, Any]) -> str:
                 f"{lamp['sigma_deg']:.1f}",
                 f"{lamp['noise_counts']:.0f}",
                 f"{lamp['noise_share']:.1%}",
+                f"{lamp['pattern']['share']:.0%}, {lamp['pattern']['length_m']:.2f} m",
                 *(f"{off:+.1%}" for off in lamp["residuals"]),
             ]
         )
@@ -86,16 +91,17 @@ def report_room(result: dict[str, Any]) -> str:
     head = "lamp", "known", "answered", "beyond 6 sigma", "NEES"
     arrays = [[*head, "range (m)", "across (m)", "angle (deg)"]]
     for of in result["arrays"]:
-        for known, each in ((of["known"], of), (f"{of['known']}, level", of.get("level", {}))):
+        for told, more, size in ATTITUDES:
+            each = of.get(told, {})
             if not each.get("answered"):
                 continue
             keys = ["nees_mean", "rms_range_m", "rms_across_m", "rms_angle_deg"]
             figures = [f"{each[key]:.3g}" for key in keys]
-            figures[0] += " of 5" if each is of else " of 3"
-            if each is not of:
+            figures[0] += f" of {size}"
+            if told == "level":
                 figures[-1] = "-"
             answered = f"{each['answered']} of {of['centres']}"
-            beyond = str(each["beyond_6_sigma"])
+            beyond, known = str(each["beyond_6_sigma"]), f"{of['known']}{more}"
             arrays.append([str(of["lamp"]), known, answered, beyond, *figures])
     return (
         "lamps of a room by one photodiode; mean residuals by the angle off the axis\n"

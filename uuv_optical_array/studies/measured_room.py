@@ -1,7 +1,7 @@
 """Readings of a room, of one photodiode below several lamps: parts of ``study measured``.
 
 The frame ``beacon`` has its x up, so that lamps under a ceiling shine along its -x, and the
-photodiode looks up. Readings of some runs tell lamp, floor and noise; the others are estimated.
+photodiode looks up. Readings of some runs calibrate lamps and noise; the others are estimated.
 """
 
 from collections.abc import Sequence
@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from uuv_optical_array.calibration.aims import appearing
 from uuv_optical_array.calibration.calibrate import Calibration, calibrate
+from uuv_optical_array.calibration.parameters import AIM_NAMES
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage import tables
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
@@ -22,23 +22,22 @@ from uuv_optical_array.layouts.detectors import (
     layout_of,
     number_in,
 )
+from uuv_optical_array.recording.places import LEAST_STD
 
 FILE, LAMPS = "places_rss.csv", 4
 HEIGHT_M = 2.4  # of the lamps above the photodiode
 FULL = 7000.0  # counts of a reading of 1: the brightest are a thousand
 LEARN, CLEAR = (1,), (3, 5)  # runs without an obstacle, to calibrate and to estimate
 SHADED = (0, 2, 4)  # and those with one
-NOISE, SHARE = 10.0, 0.034  # counts, and of the reading, to begin with
-NEAR_M = 2.5  # off the lamp, of places that calibrate it
+NOISE = {"sigma_counts": 10.0, "relative": 0.03}  # to begin with
+FLOOR_STD, PLACE_STD_M = 100.0, 0.5  # of what is not known of a lamp
+# Off the lamp, of places where patterns matter, and between those whose residuals are compared.
+NEAR_M, PATTERN_M = 1.6, 1.0
 PHOTODIODE = Detectors(("pd",), np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]), np.ones(1))
 WIDTH_M, SIDE = 0.8, 5  # of a virtual array
 ANGLES_DEG = (0, 15, 30, 45, 60)  # off the axis, of the residuals
-HELD = (
-    "attenuation.k_per_m",
-    "field_of_view.cosine_power",
-    "array.aim_pitch_rad",
-    "array.aim_yaw_rad",
-)
+# Lamps and photodiode are level, and their light is in air.
+HELD = "attenuation.k_per_m", "field_of_view.cosine_power", *AIM_NAMES
 
 
 class Room(NamedTuple):
@@ -54,21 +53,42 @@ class Room(NamedTuple):
         return Room(*(each[kept] for each in self))
 
 
+class Pattern(NamedTuple):
+    """What residuals at places near each other have in common: light that walls return.
+
+    Their correlation is the share, in [0, 1], times a Gaussian of the distance, of this length, m.
+    """
+
+    share: float
+    length_m: float
+
+
 class Lamp(NamedTuple):
     """A lamp by readings of one photodiode.
 
     - place: in the plane, m, ``(2,)``.
-    - floor: counts that are read wherever the photodiode is: light from walls.
-    - found: the calibration of its light above the floor.
-    - noise: of readings, counts, and as a share of them, by the residuals.
+    - channel: its column of the readings.
+    - found: its calibration, with floor and noise.
+    - pattern: of what is called noise.
     - off: mean residuals by the angle off its axis, as a share of the reading.
     """
 
     place: Array
-    floor: float
+    channel: int
     found: Calibration
-    noise: tuple[float, float]
+    pattern: Pattern
     off: list[float]
+
+    @property
+    def floor(self) -> float:
+        """Counts that are read wherever the photodiode is: light from walls."""
+        return self.found.scene.lamp.floor_counts
+
+    @property
+    def noise(self) -> tuple[float, float]:
+        """Noise of readings, counts, and as a share of them."""
+        noise = self.found.scene.effects["sensor_noise"]
+        return noise["sigma_counts"], noise["relative"]
 
 
 def read_room(path: Path) -> Room:
@@ -91,8 +111,9 @@ def scene_of(**changes: Any) -> Scene:
         "array": {"shape": "planar", "detectors_per_side": SIDE, "width_m": WIDTH_M, "bow_m": 0.0},
         "effects": {
             "attenuation": {"k_per_m": 0.0},
-            "sensor_noise": {"sigma_counts": NOISE},
-            "saturation": {"level_counts": FULL},
+            "sensor_noise": NOISE,
+            "saturation": {"level_counts": 2 * FULL},
+            "demodulation": {"waveform": "square", "pedestal_counts": 0.0},
         },
         "table": {
             "x_m": [-3.4, -1.4, 9],
@@ -101,7 +122,7 @@ def scene_of(**changes: Any) -> Scene:
             "pitch_deg": [-25.0, 25.0, 9],
             "yaw_deg": [-25.0, 25.0, 9],
         },
-        "prior": {"known": "as_bought", "k_std_per_m": 0.0},
+        "prior": {"known": "as_bought", "k_std_per_m": 0.0, "lamp_floor_std_counts": FLOOR_STD},
     }
     return scene_from_settings(settings | changes, "room")
 
@@ -116,50 +137,46 @@ def poses_below(places: Array, origin: Array) -> Array:
 def lamp_of(room: Room, i: int) -> Lamp:
     """Return a lamp by the runs that a room has.
 
-    Place and floor, which no scene has, are fitted first, by the inverse square, Lambert's cosine
-    and a Gaussian beam; what is left is calibrated as any other light.
+    All poses share an error, which is that of the lamp's place.
     """
     readings = room.readings[:, i]
-
-    def off(at: Array) -> Array:
-        square = ((room.places - at[:2]) ** 2).sum(axis=1) + HEIGHT_M**2
-        cosine = HEIGHT_M / np.sqrt(square)
-        beam = np.exp(-0.5 * (np.arccos(cosine) / at[3]) ** 2)
-        light = np.exp(at[2]) / square * cosine * beam + at[4]
-        return np.asarray((light - readings) / (NOISE + SHARE * readings))
-
-    start = [*room.places[readings.argmax()], 8.0, 0.8, 50.0]
-    place_and_floor = least_squares(off, start, loss="soft_l1").x
-    place, floor = place_and_floor[:2], float(place_and_floor[4])
-    poses = poses_below(room.places, place)
-    near = np.hypot(poses[:, 1], poses[:, 2]) < NEAR_M
-    layout = layout_of(scene_of(), PHOTODIODE)
-    images = layout.images((readings - floor)[:, None, None])
-    # Without daylight in the scene the floor would be it, and little is known of both.
+    start = room.places[readings.argmax()]
+    poses, layout = poses_below(room.places, start), layout_of(scene_of(), PHOTODIODE)
     found = calibrate(
         layout.scene,
-        images[near],
-        poses[near],
-        hold=[*HELD, "ambient.level_counts"],
+        layout.images(readings[:, None, None]),
+        poses,
+        hold=HELD,
+        pose_std=[LEAST_STD, PLACE_STD_M, PLACE_STD_M, LEAST_STD, LEAST_STD],
         fit_noise=True,
+        places=np.zeros(len(poses)),
         array=layout.array,
     )
-    scene = found.scene
-    model = Layout(scene, PHOTODIODE, layout.array).model()
-    aim = [p.value for p in found.parameters if p.name.startswith("lamp.aim")]
-    light = model.light(_aimed(poses, aim))[:, 0, 0]
-    residuals = readings - floor - light
-    design = np.column_stack([np.ones_like(light), light**2])
-    share = max(float(np.linalg.lstsq(design, residuals**2, rcond=None)[0][1]), 1e-6) ** 0.5
-    dark = np.sqrt(np.maximum(np.mean(residuals**2) - share**2 * np.mean(light**2), 1.0))
-    angles = np.degrees(np.arctan2(np.hypot(poses[:, 1], poses[:, 2]), HEIGHT_M))
-    bins = np.digitize(angles, ANGLES_DEG)
-    means = [
-        float(np.mean(residuals[bins == k] / light[bins == k])) for k in range(1, len(ANGLES_DEG))
-    ]
-    return Lamp(place, floor, found, (float(dark), share), means)
+    place = start - found.shifts[0, 1:3]
+    light = (
+        Layout(found.scene, PHOTODIODE, layout.array)
+        .model()
+        .light(poses_below(room.places, place))[:, 0, 0]
+    )
+    sigma, relative = found.scene.effects["sensor_noise"].values()
+    near = np.linalg.norm(room.places - place, axis=1) < NEAR_M
+    residuals = (readings - light) / np.hypot(sigma, relative * light)
+    pattern = pattern_of(room.places[near], residuals[near])
+    angles = np.degrees(np.arctan2(np.linalg.norm(room.places - place, axis=1), HEIGHT_M))
+    bins, off = np.digitize(angles, ANGLES_DEG), (readings - light) / light
+    means = [float(off[bins == k].mean()) for k in range(1, len(ANGLES_DEG))]
+    return Lamp(place, i, found, pattern, means)
 
 
-def _aimed(poses: Array, aim: Sequence[float]) -> Array:
-    seen, _, _ = appearing(poses, np.zeros(len(poses)), np.array([*aim, 0.0, 0.0]), 0.0)
-    return seen
+def pattern_of(places: Array, residuals: Array) -> Pattern:
+    """Return what residuals, in standard deviations, have in common, by all pairs of places."""
+    i, k = np.triu_indices(len(places), 1)
+    apart = np.linalg.norm(places[i] - places[k], axis=1)
+    near = apart < PATTERN_M
+    products = (residuals[i] * residuals[k])[near] / np.mean(residuals**2)
+
+    def off(at: Array) -> Array:
+        return np.asarray(at[0] * np.exp(-0.5 * (apart[near] / at[1]) ** 2) - products)
+
+    found = least_squares(off, (0.2, 0.5), bounds=((0.0, 0.1), (1.0, PATTERN_M))).x
+    return Pattern(*found.tolist())

@@ -1,13 +1,17 @@
 """``uuv_array calibrate --places``: a rail and a tape in place of two odometries."""
 
+import re
+
 import numpy as np
 import pytest
 from bags import image_message, write_bag
 from calibrated_seas import sea, truth_of
 from command_line import json_of, run
 from needs import rosbags
+from scenes import changed
 
 from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.calibration.places_check import _in_words
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.recording.images import Recording
@@ -125,3 +129,45 @@ def test_a_bad_table_is_refused_with_its_line(head, rows, words, tmp_path):
     with pytest.raises(ValueError, match=words) as caught:
         with_places(recording(), table)
     assert "\n" not in str(caught.value)
+
+
+def rail(wrong, noise=1.0):
+    """Calibrate at 20 places, two images each, that were told wrong."""
+    rng = np.random.default_rng(8)
+    scene = sea(sensor_noise__sigma_counts=noise)
+    true = rng.uniform([-6, -0.8, -0.8, -0.35, -0.35], [-3, 0.8, 0.8, 0.35, 0.35], (20, 5))
+    places = np.repeat(np.arange(20), 2)
+    images = ForwardModel(scene).expose(true[places], rng)
+    told = (true + STDS * rng.standard_normal(true.shape)) * wrong
+    start = changed("reference", prior={"known": "as_bought"})
+    return calibrate(start, images, told[places], pose_std=STDS, places=places).refusal
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ([1, 1, 1, 1, -1], "yaw is (-[01].[0-9]+) times"),
+        ([1, -1, 1, 1, 1], "y is (-[01].[0-9]+) times"),
+    ],
+)
+def test_places_in_other_axes_are_named_as_such(wrong, words):
+    refusal = rail(wrong)
+    assert refusal.startswith("the places disagree with the light")
+    # Mirrored; the light alone tells it to a part of it.
+    assert float(re.search(words, refusal)[1]) == pytest.approx(-1, abs=0.4)
+    assert "pitch" not in refusal.split(";")[0]
+
+
+def test_places_that_are_right_are_not_blamed():
+    assert "the places" not in (refusal := rail([1] * 5, noise=6.0))
+    assert "the residuals are independent" in refusal
+
+
+def test_an_error_of_places_is_said_by_its_kind():
+    rng = np.random.default_rng(1)
+    told, noise = rng.uniform(-1, 1, 40), 0.01 * rng.standard_normal(40)
+    assert _in_words(1, told, 0.3 + noise) == "all are off by y +0.3 m"
+    assert _in_words(1, told, -2 * told + noise) == "y is -1.00 times what is told"
+    assert _in_words(3, told, np.radians(20) * rng.choice([-1.0, 1.0], 40)).startswith(
+        "pitch is off by 20 deg rms"
+    )

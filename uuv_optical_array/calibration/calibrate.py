@@ -29,6 +29,7 @@ from uuv_optical_array.calibration.noise_fit import (
     noise_of,
 )
 from uuv_optical_array.calibration.parameters import LAMP_AIM, POWER, Layout
+from uuv_optical_array.calibration.places_check import disagreement
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.beam import of_three
@@ -56,7 +57,9 @@ class FittedParameter:
 class Calibration:
     """The result of a calibration of m images of n readings."""
 
-    scene: Scene  # the starting scene with the fitted values, and their errors in its prior
+    # The starting scene with the fitted values, and their errors in its prior; itself where it is
+    # refused and no scene can have them.
+    scene: Scene
     # What the scene has of `parameters.Layout`; the reference reading by it; the noise, if fitted.
     parameters: tuple[FittedParameter, ...]
     # By how much poses of each place are off those given, m and rad, (k, 5); empty: exact ones.
@@ -123,6 +126,7 @@ def calibrate(
     for name, values in (("images", images), ("poses", poses), ("rolls", rolls)):
         if not np.isfinite(values).all():
             raise ValueError(f"{name}: not finite; leave such frames out")
+    started = scene
     if scene.prior.beam_shape_std > 0:
         scene = dataclasses.replace(scene, lamp=of_three(scene.lamp))
     layout = Layout(scene)
@@ -155,6 +159,11 @@ def calibrate(
         known += range(layout.gains, len(layout.kinds))
     fit = CalibrationFit(likelihood, known, on_step)
     reason = notes.refusal(fit, fit_noise)
+    if reason and where is not None and array is None and pose_std is not None:
+        _, first = np.unique(where, return_index=True)
+        std = np.broadcast_to(pose_std, poses.shape)[first]
+        wrong = disagreement(started, images[first], poses[first], rolls[first], std)
+        reason = f"{wrong}; {reason}" if wrong else reason
     if reason or not fit_noise:
         return _result(scene, fit, rates, reason)
     start = noise_of(scene)
@@ -218,8 +227,15 @@ def _result(
     outliers = ~likelihood.used & likelihood.works
     outliers[list(fit.outlying_images)] = False
     grid = (scene.array.detectors_per_side,) * 2
+    found = scene
+    try:
+        found = calibrated_scene(scene, fit, fitted, reference, errors)
+    except ValueError as error:
+        if not reason:
+            raise
+        reason = f"{reason}; {error}"
     return Calibration(
-        scene=calibrated_scene(scene, fit, fitted, reference, errors),
+        scene=found,
         parameters=(*parameters, *noise),
         shifts=fit.state.at.shifts[:, :5] if likelihood.pose_std is not None else np.zeros((0, 5)),
         gains=fitted[first:].reshape(grid),

@@ -24,6 +24,8 @@ from uuv_optical_array.calibration.parameters import (
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.scene import Scene, scene_from_settings, without_meaning
 
+LEAST_LIGHT = 1e-100  # at the reference, where a fit has gone astray
+
 
 def as_a_whole(
     layout: Layout, values: Array, start: Array, covariance: Array
@@ -53,7 +55,7 @@ def reference_reading(scene: Scene, fit: CalibrationFit, values: Array) -> tuple
     readings = light[0] * np.exp(values[first:]) * ~likelihood.faulty
     brightest = int(readings.argmax())
     slope = np.zeros(len(values))
-    slope[:SHARE] = slopes[0, brightest, POSE:] / light[0, brightest]
+    slope[:SHARE] = slopes[0, brightest, POSE:] / max(light[0, brightest], LEAST_LIGHT)
     slope[[*AIMS, BACKGROUND]], slope[first + brightest] = 0.0, 1.0
     return float(readings[brightest]), slope
 

@@ -66,6 +66,7 @@ class Kind(NamedTuple):
     logarithm: bool = False
 
 
+RIM = 1.001  # times the distance of the corners from the axis: the least radius
 FACTOR, BOUGHT = float(np.log(1e3)), PRIORS["as_bought"]
 NEARER = "too little light of the lamp; record closer to it and in its beam"
 TURN = "turn the array up to 30 deg while the lamp shines on it"
@@ -147,6 +148,9 @@ class Layout:
             [(kind.low, kind.high, kind.largest) for kind in kinds]
         ).T
         self.largest[np.isin(self.kinds, (BACKGROUND, LAMP_FLOOR))] *= scene.full_scale_counts
+        # A sphere reaches the corner detectors.
+        rim_m = RIM * scene.array.width_m / np.sqrt(2)
+        self.low[SIZE] = max(self.low[SIZE], np.log(rim_m))
         self.low[WIDE] = 0.0  # else there is no light far off the axis
         self.low[SIGMA] -= np.log(min(widths))
         self.high[SIGMA] -= np.log(max(widths))

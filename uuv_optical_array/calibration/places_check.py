@@ -1,0 +1,80 @@
+"""In which way measured places are wrong, by what the light alone tells of them.
+
+A wrong place looks like another array or another lamp. So where a calibration is refused, the poses
+of its images are estimated in the scene that it started from, and compared with the places told.
+"""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.forward.scene import Scene, without_meaning
+
+LEAST_PLACES, MOST_PLACES = 6, 16
+# What a scene that is not calibrated yet may be off.
+UNSURE = {
+    "lamp_power_std": 0.4,
+    "beam_sigma_std_deg": 1.5,
+    "k_std_per_m": 0.1,
+    "absorption_std_per_m": 0.1,
+    "scattering_std": 0.7,
+    "cosine_power_std": 0.2,
+    "radius_std": 0.05,
+    "ambient_std_counts": 20.0,
+    "gain_std": 0.05,
+}
+# Mean square of what a part of the places is off, by its median and over what light and rail may be
+# off, from where it is wrong; share of it that an even or a proportional error explains; and from
+# how many medians on an estimate is another pose's.
+FAR, ALIKE, ELSEWHERE = 5.0, 0.8, 4.0
+MEDIAN = 0.455  # of the square of a normal number
+
+
+def disagreement(scene: Scene, images: Array, poses: Array, rolls: Array, std: Array) -> str:
+    """Say how places are off, or nothing where those that are told may be right.
+
+    Of each place there is one image, ``(k, side, side)``, with its pose, m and rad, ``(k, 5)``, its
+    roll, ``(k,)``, and the standard deviations of its pose, ``(k, 5)``.
+    """
+    unused = {*without_meaning(scene.effects, scene.array, scene.lamps)}
+    stds: dict[str, Any] = {key: 0.0 if key in unused else std for key, std in UNSURE.items()}
+    prior = dataclasses.replace(scene.prior, **stds)
+    estimator = Estimator(dataclasses.replace(scene, prior=prior), max_misfit=0.0).wait()
+    off, spread, seen = [], [], []
+    chosen = np.linspace(0, len(images) - 1, min(len(images), MOST_PLACES)).round().astype(int)
+    for k in chosen.tolist():
+        try:
+            found = estimator.estimate(images[k], roll=float(rolls[k]))
+        except NoPose:
+            continue
+        off.append(found.pose - poses[k])
+        spread.append(found.covariance.diagonal())
+        seen.append(k)
+    if len(off) < LEAST_PLACES:
+        return ""
+    errors, variances = np.array(off), np.array(spread) + std[seen] ** 2
+    words = [
+        _in_words(i, poses[seen, i], errors[:, i])
+        for i in np.flatnonzero(np.median(errors**2 / variances, axis=0) > MEDIAN * FAR).tolist()
+    ]
+    if not words:
+        return ""
+    return f"the places disagree with the light of {len(off)} of them: by it {'; '.join(words)}"
+
+
+def _in_words(i: int, told: Array, off: Array) -> str:
+    """Say how the values of one part of the places are off those told."""
+    name, size, unit = DOF_NAMES[i], IN_DEGREES[i], DOF_UNITS[i]
+    kept = np.abs(off) <= ELSEWHERE * np.median(np.abs(off))
+    told, off = told[kept], off[kept]
+    squares, mean = float(off @ off), float(off.mean())
+    if len(off) * mean**2 > ALIKE * squares:
+        return f"all are off by {name} {mean * size:+.2g} {unit}"
+    slope = float(told @ off) / max(float(told @ told), 1e-12)
+    if slope**2 * float(told @ told) > ALIKE * squares:
+        return f"{name} is {1 + slope:+.2f} times what is told"
+    return f"{name} is off by {np.sqrt(squares / len(off)) * size:.2g} {unit} rms"

@@ -4,7 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from uuv_optical_array.calibration.calibrate import FittedParameter, calibrate
+from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.calibration.result import FittedParameter
 from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene

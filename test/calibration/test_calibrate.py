@@ -17,10 +17,10 @@ from needs import rosbags
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.calibration.beam_shape import ResidualsByAngle
-from uuv_optical_array.commands.calibrate import draw_calibration
 from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.plots.calibration import draw_calibration
 from uuv_optical_array.recording.images import read_recording
 
 pytestmark = rosbags

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uuv_optical_array.calibration.calibrate import Calibration
+from uuv_optical_array.calibration.result import Calibration
 from uuv_optical_array.recording.clocks import rates_of, shifted
 from uuv_optical_array.recording.images import Recording
 

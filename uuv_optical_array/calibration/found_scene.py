@@ -3,8 +3,9 @@
 import numpy as np
 from scipy.special import logsumexp, softmax
 
+from uuv_optical_array.calibration.expected_light import POSE
 from uuv_optical_array.calibration.fit import CalibrationFit
-from uuv_optical_array.calibration.likelihood import POSE, CalibrationLikelihood
+from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
 from uuv_optical_array.calibration.parameters import (
     AIMS,
     BACKGROUND,

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from uuv_optical_array.calibration.calibrate import Calibration, calibrate
+from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.calibration.parameters import AIM_NAMES
+from uuv_optical_array.calibration.result import Calibration
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage import tables
 from uuv_optical_array.forward.scene import Scene, scene_from_settings

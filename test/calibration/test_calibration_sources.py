@@ -9,6 +9,7 @@ from scenes import changed
 
 from uuv_optical_array import cramer_rao_bound
 from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.estimation.information.linearised import Lineariser
 from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -169,3 +170,14 @@ def test_several_lamps_have_each_its_own(key):
     with pytest.raises(ValueError, match="each of the lamps has its own; give 0"):
         changed("leading_lights", prior={f"lamp_{key.replace('_', '_std_')}": 0.5})
     assert BeaconLamp().floor_counts == 0
+
+
+def test_a_linearised_reading_is_as_uncertain_as_its_noise_says():
+    """By Fisher's information of a Gaussian whose variance grows with the square of the light."""
+    model = ForwardModel(noisy(1.5, 0.04))
+    pose = np.array([-5.0, 0.2, 0.1, 0.0, 0.1])
+    light = model.light(pose).ravel()
+    found = Lineariser(model, ())(light, pose).variances
+    variance, slope = 1.5**2 + (0.04 * light) ** 2 + 1 / 12, 2 * 0.04**2 * light
+    expected = 1 / (1 / variance + 0.5 * (slope / variance) ** 2)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)

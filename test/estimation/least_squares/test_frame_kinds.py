@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import coarse, with_prior
+from scenes import changed, coarse, with_prior
 
 from uuv_optical_array.estimation.least_squares.frame_kinds import expecting, frame_kinds
 from uuv_optical_array.forward.model import ForwardModel
@@ -60,3 +60,16 @@ def test_images_before_change_how_often_light_is_uneven_and_not_how_far():
     assert expecting(kinds, None) is kinds
     # However sure they are, an image may still be of the other kind.
     assert expecting(kinds, 1.0)[0].share > 0
+
+
+def test_noise_relative_to_the_reading_is_in_every_kind():
+    noisy = changed(
+        "reference",
+        effects={"sensor_noise": {"relative": 0.03}},
+        prior={"gain_std": 0.01, "uneven_probability": 0.1},
+    )
+    plain = changed("reference", prior={"gain_std": 0.01, "uneven_probability": 0.1})
+    pairs = zip(*(frame_kinds(ForwardModel(s), *PRIOR) for s in (noisy, plain)), strict=True)
+    for kind, without in pairs:
+        more = kind.problem.noise.square - without.problem.noise.square
+        assert more == pytest.approx(0.03**2)

@@ -1,8 +1,7 @@
 """The poses of readings of detectors in any layout, where parts of a pose may be known.
 
 Each row is fitted by itself, by maximum a posteriori: the parts of its pose and what the scene's
-prior leaves unknown, with the aims of lamp and array. All starts of all rows are refined at once by
-Levenberg and Marquardt's method.
+prior leaves unknown, with the aims of lamp and array. All starts of a row are refined at once.
 """
 
 from itertools import product
@@ -13,21 +12,17 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from uuv_optical_array.calibration.aims import appearing
-from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, PITCH, Array
-from uuv_optical_array.estimation.information.likelihood import information, log_likelihood
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
+from uuv_optical_array.estimation.information.likelihood import information
 from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.prior import GRADIENTS, ROLL
 from uuv_optical_array.layouts.detectors import Layout
+from uuv_optical_array.layouts.posterior import Row, refine
 
 POSE, AIMS = 6, 4  # coordinates: the pose with its roll, and the aims of lamp and array
 GRID = {0: 1, 1: 41, 2: 15, 3: 9, 4: 6, 5: 5}  # starts along each unknown part, by their number
 STARTS = 8  # of a row that are refined
 COARSE = 0.3  # by which the light of a start may be off, relative
-STEPS, SETTLED = 40, 1e-5  # of the refinement; decrement of the cost
-LAMBDA, EASED, HARDER = 1e-3, 0.2, 5.0  # damping, and its factors after steps that help or do not
-HARDEST = 1e5  # damping from which a start is at its minimum
-FAR_COST, PATIENCE = 30.0, 6  # above the best, after so many steps: a start is given up
-LEAST_ABEAM = 0.49 * np.pi
 APART, AS_GOOD = 16.0, 4.6  # squared distance of two answers, and cost, that leave both open
 UNKNOWN_SHARE = 0.29  # of the table's span, the spread of an even distribution: it says no more
 
@@ -172,42 +167,14 @@ class PoseFit:
         self, readings: Array, mean: Array, scale: Array, at: Array
     ) -> tuple[Array, Array, Array, list[tuple[int, float]]]:
         """Return coordinates of minima, their costs, Hessians, and freedoms with squares."""
-        noise, works, unit = self._model.noise, self._works, np.eye(len(scale))
-
-        def evaluate(at: Array) -> tuple[Array, Array, Array, Array]:
-            light, slopes = self._light(at, mean, scale)
-            values, score, weight = log_likelihood(readings, light, noise)
-            cost = 0.5 * (at**2).sum(axis=1) - (values * works).sum(axis=1)
-            gradient = np.einsum("kn,knp->kp", score * works, slopes) - at
-            weighed = slopes * (weight * works)[..., None]
-            return cost, gradient, np.einsum("knp,knq->kpq", weighed, slopes) + unit, light
-
-        state = [at, *evaluate(at)]
-        damping = np.full(len(at), LAMBDA)
-        going = np.arange(len(at))
-        for steps in range(STEPS):
-            at, cost, gradient, hessian = (each[going] for each in state[:4])
-            damped = hessian * (1 + damping[going, None, None] * unit)
-            step = np.linalg.solve(damped, gradient[..., None])[..., 0]
-            # The bow stays off the zenith, where yaw has no meaning.
-            trial = at + step
-            legal = np.abs(mean[PITCH] + trial[:, PITCH] * scale[PITCH]) < LEAST_ABEAM
-            trial = np.where(legal[:, None], trial, at)
-            new = (trial, *evaluate(trial))
-            better = (new[1] < cost) & np.isfinite(new[1])
-            for old, fresh in zip(state, new, strict=True):
-                old[going[better]] = fresh[better]
-            damping[going] *= np.where(better, EASED, HARDER)
-            settled = np.einsum("kp,kp->k", step, gradient) < SETTLED
-            hopeless = (state[1][going] > state[1].min() + FAR_COST) & (steps >= PATIENCE)
-            going = going[~settled & ~hopeless & (damping[going] < HARDEST)]
-            if not len(going):
-                break
-        at, cost, _, _, light = state
+        noise, works = self._model.noise, self._works
+        row = Row(readings, works, noise, scale, mean, self._light)
+        state = refine(row, at.T)
+        at, light = state.at.T, state.light.T
         variance = reading_variance(light, noise)
         inside = (readings > noise.low) & (readings < noise.high) & works
         square = ((readings - light) ** 2 / variance * inside).sum(axis=1) + (at**2).sum(axis=1)
         sharp = information(light, noise) * works
         _, slopes = self._light(at, mean, scale)
-        hessian = np.einsum("knp,knq->kpq", slopes * sharp[..., None], slopes) + unit
-        return at, cost, hessian, [(int(inside.sum()), float(each)) for each in square]
+        hessian = np.einsum("knp,knq->kpq", slopes * sharp[..., None], slopes) + np.eye(len(scale))
+        return at, state.cost, hessian, [(int(inside.sum()), float(each)) for each in square]

@@ -1,5 +1,6 @@
 """The beam as a sum of Gaussians: settings, light beside that of each alone, and slopes."""
 
+import itertools
 import math
 
 import numpy as np
@@ -98,6 +99,22 @@ def test_equal_widths_are_one_gaussian_and_a_third_without_weight_is_none():
     ]
     np.testing.assert_allclose(lit[0], ForwardModel(one).light(POSES), rtol=1e-12)
     np.testing.assert_allclose(lit[1], lit[2], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["reference", "follow"])
+@pytest.mark.parametrize("widths", [[0.8, 0.8, 1.0], [0.8, 0.9, 1.0]])
+def test_light_and_slopes_are_the_same_in_any_order_even_where_two_gaussians_cancel_out(
+    name, widths
+):
+    model, unknown = ForwardModel(ready(name)), {"lamp.beam_sigma_deg": 0.2}
+    gaussians = np.array([[0.5, -0.5, 1.0], widths])
+    found = [
+        model.with_beam(gaussians[:, order]).linearised(POSES, 0.1, unknown)
+        for order in map(list, itertools.permutations(range(3)))
+    ]
+    for light, slopes in found[1:]:
+        np.testing.assert_allclose(light, found[0][0], rtol=1e-12)
+        np.testing.assert_allclose(slopes, found[0][1], rtol=1e-9, atol=1e-9 * abs(slopes).max())
 
 
 @given(

@@ -19,7 +19,7 @@ from uuv_optical_array.forward.array import ArraySettings, build_array
 from uuv_optical_array.forward.effects import EFFECTS, Effect
 from uuv_optical_array.forward.effects.forms import Noise
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scattering import scattered_light
+from uuv_optical_array.forward.scattering import scattered_light, weighed
 
 ARRAY = build_array(ArraySettings("planar", 5))
 AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]
@@ -177,7 +177,8 @@ def test_a_rim_halves_the_light_at_the_half_angle_and_cuts_it_off_beyond():
 def test_scattering_spreads_the_light_and_loses_what_its_law_says(b, length):
     sigma, eta = math.radians(4), np.linspace(1e-9, math.radians(70), 20_001)
     angle = eta**2 / 2, np.cos(eta), np.sin(eta) / eta
-    light, of_light = scattered_light(length, angle, 1.0, -np.cos(eta), 1.0, sigma, b)
+    source = weighed(angle, sigma, b * length, 1.0, 1.0)
+    light, of_light = scattered_light(length, angle, 1.0, -np.cos(eta), 1.0, sigma, b, source)
     flux, incidence = light[0], of_light[0]
     # The normal looks back along the ray: what passes a sphere about the lamp.
     power = trapezoid(flux * incidence * eta, eta) * length**2

@@ -76,62 +76,64 @@ def ray(to: Any, normal: Any, axis: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
 
 
 @law
+def gaussian(half_square: Any, beam_sigma_rad: Any, weight: Any, width: Any) -> tuple[Any, Any]:
+    """Return the radiance of one Gaussian of a beam, and the slope of its logarithm.
+
+    - weight, width: its light on the axis, and its width over the beam's sigma.
+    """
+    precision = 1 / (beam_sigma_rad * beam_sigma_rad) / (width * width)
+    return weight * exp(-half_square * precision), -precision
+
+
+@law
+def added(beam: Any, by_half_square: Any, part: Any, part_by_half_square: Any) -> tuple[Any, Any]:
+    """Return the sum of two parts of a beam's radiance, and the slope of its logarithm."""
+    whole = beam + part
+    share = part / choose(whole == 0, 1.0, whole)
+    return whole, by_half_square + share * (part_by_half_square - by_half_square)
+
+
+@law
+def radiance(half_square: Any, beam_sigma_rad: Any, gaussians: Any) -> tuple[Any, Any]:
+    """Return the radiance of a beam over that on the axis, and the slope of its logarithm.
+
+    - gaussians: weights on the axis, and widths over the beam's sigma, shape ``(2, k)``.
+    """
+    beam = gaussian(half_square, beam_sigma_rad, gaussians[0, 0], gaussians[1, 0])
+    for k in range(1, gaussians.shape[1]):
+        part = gaussian(half_square, beam_sigma_rad, gaussians[0, k], gaussians[1, k])
+        beam = added(beam[0], beam[1], part[0], part[1])
+    return beam
+
+
+@law
 def lamp_light(
-    range_m: Any, half_square: Any, incidence: Any, power: Any, beam_sigma_rad: Any
-) -> tuple[Any, Any, Any, Any, Any]:
-    """Light on a detector: inverse square, Gaussian beam and Lambert's cosine.
-
-    ``E = power / r^2  exp(-eta^2 / (2 sigma^2))  max(0, cos theta)``
-    (Eren et al. 2016, eqs 1 to 4 and 8, with ``power = L0 r_half^2``).
-
-    - range_m, half_square: as `ray` returns them.
-    - incidence: cosine of the angle between the detector's normal and where the light comes from.
-    - power: reading times squared range of a detector on the axis that faces the lamp, counts m^2.
-    - returned light: counts; 0 for a detector that faces away.
-    - returned by_range, by_half_square, by_incidence, by_sigma: slopes of its logarithm; at the
-      edge where a detector turns away from the lamp that of the dark side, 0.
-    """
-    precision, inverse = 1 / (beam_sigma_rad * beam_sigma_rad), 1 / range_m
-    facing, by_incidence = lambert(incidence)
-    light = power * inverse * inverse * exp(-half_square * precision) * facing
-    by_sigma = 2 * half_square * precision / beam_sigma_rad
-    return light, -2 * inverse, -precision, by_incidence, by_sigma
-
-
-@law
-def beam_of_three(half_square: Any, beam_sigma_rad: Any, gaussians: Any) -> tuple[Any, Any, Any]:
-    """Return the radiance of a beam of three Gaussians over that on the axis, and its slopes.
-
-    - gaussians: weights on the axis, and widths over the beam's sigma, shape ``(2, 3)``.
-    - returned by_half_square, by_sigma: slopes of the logarithm; 0 where the beam is dark.
-    """
-    beam, by_half_square = 0.0, 0.0
-    precision = 1 / (beam_sigma_rad * beam_sigma_rad)
-    for k in range(3):
-        own = precision / (gaussians[1, k] * gaussians[1, k])
-        part = gaussians[0, k] * exp(-half_square * own)
-        beam, by_half_square = beam + part, by_half_square - part * own
-    beam = maximum(beam, 0.0)
-    by_half_square = choose(beam > 0, by_half_square / maximum(beam, 1e-300), 0.0)
-    by_sigma = -2 * half_square * by_half_square / beam_sigma_rad
-    return beam, by_half_square, by_sigma
-
-
-@law
-def lamp_light_of_three(
     range_m: Any,
     half_square: Any,
     incidence: Any,
     power: Any,
     beam_sigma_rad: Any,
-    gaussians: Any,
-) -> tuple[Any, Any, Any, Any, Any]:
-    """Return the same as `lamp_light` of a beam of three Gaussians, as of `beam_of_three`."""
+    beam: Any,
+    by_half_square: Any,
+) -> tuple[Any, Any, Any, Any]:
+    """Light on a detector: inverse square, beam and Lambert's cosine.
+
+    ``E = power / r^2  sum_i w_i exp(-eta^2 / (2 sigma_i^2))  max(0, cos theta)``
+    (Eren et al. 2016, eqs 1 to 4 and 8, of one Gaussian and with ``power = L0 r_half^2``).
+
+    - range_m, half_square: as `ray` returns them.
+    - incidence: cosine of the angle between the detector's normal and where the light comes from.
+    - power: reading times squared range of a detector on the axis that faces the lamp, counts m^2.
+    - beam, by_half_square: as `radiance` returns them.
+    - returned light: counts; 0 for a detector that faces away.
+    - returned by_range, by_incidence, by_sigma: slopes of its logarithm, beside `by_half_square`;
+      at the edge where a detector turns away from the lamp that of the dark side, 0.
+    """
     inverse = 1 / range_m
     facing, by_incidence = lambert(incidence)
-    beam, by_half_square, by_sigma = beam_of_three(half_square, beam_sigma_rad, gaussians)
-    light = power * inverse * inverse * beam * facing
-    return light, -2 * inverse, by_half_square, by_incidence, by_sigma
+    light = power * inverse * inverse * maximum(beam, 0.0) * facing
+    by_sigma = -2 * half_square * by_half_square / beam_sigma_rad
+    return light, -2 * inverse, by_incidence, by_sigma
 
 
 @law

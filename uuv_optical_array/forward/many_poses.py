@@ -22,18 +22,22 @@ from uuv_optical_array.forward.lamps import (
     SIGMA,
 )
 from uuv_optical_array.forward.light import (
+    ALONG,
+    AXIAL,
+    COSINE,
+    HALF_SQUARE,
     INCIDENCE,
     RANGE,
+    gaussian,
     lambert,
     lamp_light,
-    lamp_light_of_three,
     ray,
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import Optics, transmit
-from uuv_optical_array.forward.scattering import scattered_light, scattered_light_of_three
+from uuv_optical_array.forward.scattering import joined, scattered_light, weighed
 
-RAYS = INCIDENCE + 1  # rows of the rays that the laws of transmission read
+RAYS = ALONG + 1  # rows of the rays
 
 
 def see_lamp(place: Any, axis: Any, poses: Any, lamps: Any) -> None:
@@ -49,68 +53,69 @@ def see_lamp(place: Any, axis: Any, poses: Any, lamps: Any) -> None:
         lamps[3, i], lamps[4, i], lamps[5, i] = in_body(rows, axis)
 
 
-@law
-def ray_from(lamps: Any, i: Any, place: Any, normal: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
-    """Follow the light from where follower i sees the lamp to a detector, as `ray`."""
+def follow_light(place: Any, normal: Any, lamps: Any, rays: Any) -> None:
+    """Write the `ray` from where each follower sees the lamp to a detector."""
     x, y, z = place
-    to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
-    return ray(to, normal, (lamps[3, i], lamps[4, i], lamps[5, i]))
+    for i in indices(lamps.shape[1]):
+        to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
+        axis = lamps[3, i], lamps[4, i], lamps[5, i]
+        range_m, half_square, cosine, axial, along_m, _ = ray(to, normal, axis)
+        rays[RANGE, i], rays[HALF_SQUARE, i], rays[INCIDENCE, i] = range_m, half_square, cosine
+        rays[COSINE, i], rays[AXIAL, i], rays[ALONG, i] = cosine, axial, along_m
 
 
-def shine_clear(
-    place: Any, normal: Any, lamps: Any, lamp: Any, gaussians: Any, rays: Any, light: Any
-) -> None:
-    """Write range, incidence and light of a lamp's rays to a detector in water without scattering.
-
-    The lamp is its power and the beam's sigma, rad; the light has shape ``(1, m)``.
-    """
-    power, sigma_rad = lamp
-    if gaussians.shape[1] == 1:
-        for i in indices(lamps.shape[1]):
-            range_m, half_square, cosine, _, _, _ = ray_from(lamps, i, place, normal)
-            light[0, i], _, _, _, _ = lamp_light(range_m, half_square, cosine, power, sigma_rad)
-            rays[RANGE, i], rays[INCIDENCE, i] = range_m, cosine
-    else:
-        for i in indices(lamps.shape[1]):
-            range_m, half_square, cosine, _, _, _ = ray_from(lamps, i, place, normal)
-            light[0, i], _, _, _, _ = lamp_light_of_three(
-                range_m, half_square, cosine, power, sigma_rad, gaussians
-            )
-            rays[RANGE, i], rays[INCIDENCE, i] = range_m, cosine
+def shine_clear(rays: Any, power: Any, sigma_rad: Any, gaussians: Any, light: Any) -> None:
+    """Write the light of rays, shape ``(1, m)``, in water without scattering."""
+    weights, widths = gaussians[0], gaussians[1]
+    for i in indices(rays.shape[1]):
+        light[0, i], _ = gaussian(rays[HALF_SQUARE, i], sigma_rad, weights[0], widths[0])
+    for k in range(1, len(weights)):
+        weight, width = weights[k], widths[k]
+        for i in indices(rays.shape[1]):
+            part, _ = gaussian(rays[HALF_SQUARE, i], sigma_rad, weight, width)
+            light[0, i] += part
+    for i in indices(rays.shape[1]):
+        to_lamp = rays[RANGE, i], rays[HALF_SQUARE, i], rays[INCIDENCE, i]
+        light[0, i], _, _, _ = lamp_light(*to_lamp, power, sigma_rad, light[0, i], 0.0)
 
 
 def shine_scattered(
-    place: Any,
-    normal: Any,
-    lamps: Any,
-    lamp: Any,
-    gaussians: Any,
-    scattering_per_m: Any,
-    rays: Any,
-    light: Any,
+    rays: Any, power: Any, sigma_rad: Any, gaussians: Any, scattering_per_m: Any, light: Any
 ) -> None:
-    """Write the same as `shine_clear` in water that scatters."""
-    power, sigma_rad = lamp
-    if gaussians.shape[1] == 1:
-        for i in indices(lamps.shape[1]):
-            range_m, half_square, cosine, axial, along_m, _ = ray_from(lamps, i, place, normal)
-            angle = half_square, along_m / range_m, 1.0  # the last is for slopes alone
-            (flux, _, _, _, _), (incidence, _, _, _, _, _) = scattered_light(
-                range_m, angle, cosine, axial, power, sigma_rad, scattering_per_m
-            )
-            facing, _ = lambert(incidence)
-            light[0, i] = flux * facing
-            rays[RANGE, i], rays[INCIDENCE, i] = range_m, incidence
-    else:
-        for i in indices(lamps.shape[1]):
-            range_m, half_square, cosine, axial, along_m, _ = ray_from(lamps, i, place, normal)
-            angle = half_square, along_m / range_m, 1.0
-            (flux, _, _, _, _), (incidence, _, _, _, _, _) = scattered_light_of_three(
-                range_m, angle, cosine, axial, power, sigma_rad, gaussians, scattering_per_m
-            )
-            facing, _ = lambert(incidence)
-            light[0, i] = flux * facing
-            rays[RANGE, i], rays[INCIDENCE, i] = range_m, incidence
+    """Write the same in water that scatters, and the incidence there."""
+    weights, widths, advances = gaussians[0], gaussians[1], rays[RAYS]
+    for i in indices(rays.shape[1]):
+        angle, depth = angle_at(rays, i), scattering_per_m * rays[RANGE, i]
+        source = weighed(angle, sigma_rad, depth, weights[0], widths[0])
+        light[0, i], advances[i] = source[0], source[4]
+    for k in range(1, len(weights)):
+        weight, width = weights[k], widths[k]
+        for i in indices(rays.shape[1]):
+            angle, depth = angle_at(rays, i), scattering_per_m * rays[RANGE, i]
+            further = weighed(angle, sigma_rad, depth, weight, width)
+            source = joined(source_of(light[0, i], advances[i]), further)
+            light[0, i], advances[i] = source[0], source[4]
+    for i in indices(rays.shape[1]):
+        range_m, angle = rays[RANGE, i], angle_at(rays, i)
+        source = source_of(light[0, i], advances[i])
+        to_lamp = range_m, angle, rays[COSINE, i], rays[AXIAL, i]
+        (flux, _, _, _, _), (incidence, _, _, _, _, _) = scattered_light(
+            *to_lamp, power, sigma_rad, scattering_per_m, source
+        )
+        facing, _ = lambert(incidence)
+        light[0, i], rays[INCIDENCE, i] = flux * facing, incidence
+
+
+@law
+def angle_at(rays: Any, i: Any) -> tuple[Any, Any, Any]:
+    """Return the angle off the axis of ray i, as of `scattered_light`, for light without slopes."""
+    return rays[HALF_SQUARE, i], rays[ALONG, i] / rays[RANGE, i], 1.0
+
+
+@law
+def source_of(strength: Any, advance: Any) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any]:
+    """Return where light seems to come from, as of `scattering.core_and_halo`, without slopes."""
+    return strength, 0.0, 0.0, 0.0, advance, 0.0, 0.0, 0.0
 
 
 def write_arriving(optics: Optics, poses: Any, light: Any) -> None:
@@ -121,7 +126,7 @@ def write_arriving(optics: Optics, poses: Any, light: Any) -> None:
     - light: result, counts, shape ``(L n, m)``.
     """
     detectors, n, m = optics.detectors, optics.detectors.shape[1], poses.shape[1]
-    lamps, rays = np.empty((6, m)), np.empty((RAYS, m))
+    lamps, rays = np.empty((6, m)), np.empty((RAYS + 1, m))
     settings = optics.law_settings
     for i in range(optics.lamps.shape[1]):
         at = optics.lamps[:, i]
@@ -133,11 +138,11 @@ def write_arriving(optics: Optics, poses: Any, light: Any) -> None:
             place = detectors[0, k], detectors[1, k], detectors[2, k]
             normal = detectors[3, k], detectors[4, k], detectors[5, k]
             own = light[i * n + k : i * n + k + 1]
+            follow_light(place, normal, lamps, rays)
             if optics.scattering_per_m > 0:
-                given = place, normal, lamps, lamp, optics.gaussians, optics.scattering_per_m
-                shine_scattered(*given, rays, own)
+                shine_scattered(rays, *lamp, optics.gaussians, optics.scattering_per_m, own)
             else:
-                shine_clear(place, normal, lamps, lamp, optics.gaussians, rays, own)
+                shine_clear(rays, *lamp, optics.gaussians, own)
             for q in range(len(optics.laws)):
                 a, b, c = settings[q, 0], settings[q, 1], settings[q, 2]
                 transmit(optics.laws[q], rays, a, b, c, own, 0, False)

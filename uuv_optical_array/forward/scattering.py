@@ -44,20 +44,22 @@ def part(
       a share of the range, with slopes.
     """
     half_square, off_axis, sine_ratio = angle
-    ratio = narrow / variance
-    reach = 1 + tilt * (1 - ratio)
-    advance = 1 - 1 / reach
-    by_ratio = -tilt / (reach * reach)
-    by_depth, by_narrow = -by_ratio * ratio * growth / variance, by_ratio * (1 - ratio) / variance
-    square = 1 + advance * (advance - 2 * off_axis)
-    strength = ratio * exp(-half_square / variance) / sqrt(square)
-    pull = (off_axis - advance) / square
-    wider = half_square / variance - 1
+    ratio, precision = narrow / variance, 1 / variance
+    inverse = 1 / (1 + tilt * (1 - ratio))
+    advance, by_ratio = 1 - inverse, -tilt * inverse * inverse
+    by_depth, by_narrow = -by_ratio * ratio * growth * precision, by_ratio * (1 - ratio) * precision
+    # Slopes take the square's inverse from the root's: a division takes as long as ten products.
+    distance = sqrt(1 + advance * (advance - 2 * off_axis))
+    nearness = 1 / distance
+    strength = ratio * exp(-half_square / variance) / distance
+    closer = nearness * nearness
+    pull = (off_axis - advance) * closer
+    wider = half_square * precision - 1
     return (
         strength,
-        wider * growth / variance + pull * by_depth,
-        -1 / variance - advance * sine_ratio / square,
-        1 / narrow + wider / variance + pull * by_narrow,
+        wider * growth * precision + pull * by_depth,
+        -precision - advance * sine_ratio * closer,
+        1 / narrow + wider * precision + pull * by_narrow,
         advance,
         by_depth,
         by_narrow,
@@ -65,7 +67,36 @@ def part(
 
 
 @law
-def together(
+def joined(nearer: Any, farther: Any) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any]:
+    """Return two parts of the light, which together seem to come from one point, too.
+
+    Light is linear in the beam, so flux and its moment about the lamp add up. Each is strength and
+    advance with slopes, as of `core_and_halo`.
+    """
+    one, one_depth, one_half, one_narrow, near, near_depth, near_half, near_narrow = nearer
+    other, depth, half, narrow, far, far_depth, far_half, far_narrow = farther
+    both = one + other
+    safe = choose(both == 0, 1.0, both)
+    p, q = one / safe, other / safe
+    advance = p * near + q * far
+    apart_one, apart_other = p * (near - advance), q * (far - advance)
+    advance_depth = p * near_depth + q * far_depth
+    advance_half = p * near_half + q * far_half
+    advance_narrow = p * near_narrow + q * far_narrow
+    return (
+        both,
+        p * one_depth + q * depth,
+        p * one_half + q * half,
+        p * one_narrow + q * narrow,
+        advance,
+        advance_depth + apart_one * one_depth + apart_other * depth,
+        advance_half + apart_one * one_half + apart_other * half,
+        advance_narrow + apart_one * one_narrow + apart_other * narrow,
+    )
+
+
+@law
+def core_and_halo(
     angle: Any, narrow: Any, optical_depth: Any
 ) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any]:
     """Return core and halo of one Gaussian, which together seem to come from one point, too.
@@ -88,83 +119,34 @@ def together(
     other, other_depth, other_half, other_narrow, far, far_depth, far_narrow = part(
         narrow, halo, halo_growth, HALO_TILT, angle
     )
-    one, other = straight * one, scattered * other
     one_depth, other_depth = one_depth - x, other_depth + straight * many
-    both = maximum(one + other, 1e-300)
-    p, q = one / both, other / both
-    advance = p * near + q * far
-    apart_one, apart_other = p * (near - advance), q * (far - advance)
-    advance_depth = p * near_depth + q * far_depth
-    advance_depth = advance_depth + apart_one * one_depth + apart_other * other_depth
-    advance_half = apart_one * one_half + apart_other * other_half
-    advance_narrow = p * near_narrow + q * far_narrow
-    advance_narrow = advance_narrow + apart_one * one_narrow + apart_other * other_narrow
-    return (
-        one + other,
-        p * one_depth + q * other_depth,
-        p * one_half + q * other_half,
-        p * one_narrow + q * other_narrow,
-        advance,
-        advance_depth,
-        advance_half,
-        advance_narrow,
+    return joined(
+        (straight * one, one_depth, one_half, one_narrow, near, near_depth, 0.0, near_narrow),
+        (scattered * other, other_depth, other_half, other_narrow, far, far_depth, 0.0, far_narrow),
     )
 
 
 @law
 def weighed(
-    angle: Any, narrow: Any, optical_depth: Any, weight: Any, width: Any
+    angle: Any, beam_sigma_rad: Any, optical_depth: Any, weight: Any, width: Any
 ) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any]:
-    """Return strength and its slopes of one of several Gaussians, and its moment with slopes."""
-    square = width * width
-    strength, depth, half, wide, advance, advance_depth, advance_half, advance_wide = together(
-        angle, square * narrow, optical_depth
-    )
-    strength = weight * strength
-    return (
-        strength,
-        strength * depth,
-        strength * half,
-        strength * wide * square,
-        strength * advance,
-        strength * (advance * depth + advance_depth),
-        strength * (advance * half + advance_half),
-        strength * (advance * wide + advance_wide) * square,
-    )
+    """Return `core_and_halo` of a Gaussian of a beam, with slopes by the square of its sigma.
 
-
-@law
-def together_of_three(
-    angle: Any, narrow: Any, optical_depth: Any, gaussians: Any
-) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any]:
-    """Return the same of a beam of three Gaussians, as `light.beam_of_three` has them.
-
-    Light is linear in the beam, so flux and moment of the apparent sources add up.
+    - weight, width: the Gaussian's light on the axis, and its width over the beam's sigma.
     """
-    first = weighed(angle, narrow, optical_depth, gaussians[0, 0], gaussians[1, 0])
-    second = weighed(angle, narrow, optical_depth, gaussians[0, 1], gaussians[1, 1])
-    third = weighed(angle, narrow, optical_depth, gaussians[0, 2], gaussians[1, 2])
-    flux = first[0] + second[0] + third[0]
-    by_depth = first[1] + second[1] + third[1]
-    by_half = first[2] + second[2] + third[2]
-    by_narrow = first[3] + second[3] + third[3]
-    moment = first[4] + second[4] + third[4]
-    moment_depth = first[5] + second[5] + third[5]
-    moment_half = first[6] + second[6] + third[6]
-    moment_narrow = first[7] + second[7] + third[7]
-    flux = maximum(flux, 0.0)
-    inverse = choose(flux > 0, 1 / maximum(flux, 1e-300), 0.0)
-    by_depth, by_half, by_narrow = by_depth * inverse, by_half * inverse, by_narrow * inverse
-    advance = moment * inverse
+    square = width * width
+    light, depth, half, wide, advance, advance_depth, advance_half, advance_wide = core_and_halo(
+        angle, square * (beam_sigma_rad * beam_sigma_rad), optical_depth
+    )
     return (
-        flux,
-        by_depth,
-        by_half,
-        by_narrow,
+        weight * light,
+        depth,
+        half,
+        square * wide,
         advance,
-        moment_depth * inverse - advance * by_depth,
-        moment_half * inverse - advance * by_half,
-        moment_narrow * inverse - advance * by_narrow,
+        advance_depth,
+        advance_half,
+        square * advance_wide,
     )
 
 
@@ -177,11 +159,13 @@ def scattered_light(
     power: Any,
     beam_sigma_rad: Any,
     scattering_per_m: Any,
+    source: Any,
 ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Flux of the lamp's light at a detector in water that scatters, without absorption.
 
     - range_m, cosine, axial: as `light.ray` returns them.
     - angle: off the axis: half its square, its cosine, and its sine over itself.
+    - source: what the light seems to come from, of all Gaussians, `joined` and `weighed`.
     - returned flux, by_range, by_half_square, by_sigma, by_scattering: counts, and slopes of its
       logarithm, the last by the logarithm of b.
     - returned incidence, in_range, in_half_square, in_cosine, in_axial, in_sigma: cosine of the
@@ -189,58 +173,24 @@ def scattered_light(
       of b is `in_range` times the range.
     """
     optical_depth = scattering_per_m * range_m
-    apparent = together(angle, beam_sigma_rad * beam_sigma_rad, optical_depth)
-    return arriving(range_m, angle, cosine, axial, power, beam_sigma_rad, optical_depth, apparent)
-
-
-@law
-def scattered_light_of_three(
-    range_m: Any,
-    angle: Any,
-    cosine: Any,
-    axial: Any,
-    power: Any,
-    beam_sigma_rad: Any,
-    gaussians: Any,
-    scattering_per_m: Any,
-) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Return the same as `scattered_light` of a beam of three `gaussians`, shape ``(2, 3)``."""
-    optical_depth = scattering_per_m * range_m
-    narrow = beam_sigma_rad * beam_sigma_rad
-    apparent = together_of_three(angle, narrow, optical_depth, gaussians)
-    return arriving(range_m, angle, cosine, axial, power, beam_sigma_rad, optical_depth, apparent)
-
-
-@law
-def arriving(
-    range_m: Any,
-    angle: Any,
-    cosine: Any,
-    axial: Any,
-    power: Any,
-    beam_sigma_rad: Any,
-    optical_depth: Any,
-    apparent: Any,
-) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Return `scattered_light` by what `together` says of the beam."""
-    strength, strength_depth, strength_half, strength_narrow = apparent[:4]
-    advance, advance_depth, advance_half, advance_narrow = apparent[4:]
+    strength, strength_depth, strength_half, strength_narrow = source[:4]
+    advance, advance_depth, advance_half, advance_narrow = source[4:]
     _, off_axis, sine_ratio = angle
-    square = 1 + advance * (advance - 2 * off_axis)
-    distance = sqrt(square)
-    pull = (advance - off_axis) / square
-    turned = advance * sine_ratio / square
+    distance = sqrt(1 + advance * (advance - 2 * off_axis))
+    nearness = 1 / distance
+    closer = nearness * nearness
+    pull, turned = (advance - off_axis) * closer, advance * sine_ratio * closer
     lost = LOSS * optical_depth
     by_depth = strength_depth + pull * advance_depth - lost
     by_half = strength_half + pull * advance_half + turned
     by_narrow = strength_narrow + pull * advance_narrow
     inverse = 1 / range_m
-    flux = power * inverse * inverse * exp(-lost) * strength * distance
+    flux = power * inverse * inverse * exp(-lost) * maximum(strength, 0.0) * distance
     incidence = minimum((cosine + advance * axial) / distance, 1.0)
-    swing = axial / distance - incidence * pull
+    swing = axial * nearness - incidence * pull
     width = 2 * beam_sigma_rad
     by_range, in_range = (by_depth - 2) * inverse, swing * advance_depth * inverse
     in_half_square = swing * advance_half - incidence * turned
     in_sigma = swing * advance_narrow * width
     light = flux, by_range, by_half, by_narrow * width, by_depth
-    return light, (incidence, in_range, in_half_square, 1 / distance, advance / distance, in_sigma)
+    return light, (incidence, in_range, in_half_square, nearness, advance * nearness, in_sigma)

@@ -25,9 +25,9 @@ from uuv_optical_array.core.geometry import PITCH, YAW, Array, dot, lamp_in_body
 from uuv_optical_array.core.numerics.elementwise import choose, exp, law, stack
 from uuv_optical_array.forward.beam import UNIT, angle_of
 from uuv_optical_array.forward.lamps import SIGMA
-from uuv_optical_array.forward.light import beam_of_three, off_axis
+from uuv_optical_array.forward.light import off_axis, radiance
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scattering import scattered_light
+from uuv_optical_array.forward.scattering import scattered_light, weighed
 
 AZIMUTH, ELEVATION, LOG_ATTENUATION = range(3)  # then pitch and yaw, as in the pose
 LEAST_BEAM = 1e-290  # radiance over that on the axis, whose logarithm is still a number
@@ -60,8 +60,12 @@ def frame_of(model: ForwardModel) -> CoordinateFrame:
     parts = [(weight, 0.0, width * sigma) for weight, width in optics.gaussians.T.tolist()]
     if optics.scattering_per_m > 0:
         range_m = max(abs(scene.table.x_m.start + scene.table.x_m.stop) / 2, 1.0)
-        on_axis = range_m, (0.0, 1.0, 1.0), 1.0, -1.0
-        fluxes = [scattered_light(*on_axis, 1.0, it[2], optics.scattering_per_m)[0] for it in parts]
+        per_m, on_axis = optics.scattering_per_m, (0.0, 1.0, 1.0)
+        fluxes = []
+        for _, _, width in parts:
+            source = weighed(on_axis, width, per_m * range_m, 1.0, 1.0)
+            light, _ = scattered_light(range_m, on_axis, 1.0, -1.0, 1.0, width, per_m, source)
+            fluxes.append(light)
         parts = [
             (part[0] * float(flux[0]), -float(flux[1] + 2 / range_m), float((-flux[2]) ** -0.5))
             for part, flux in zip(parts, fluxes, strict=True)
@@ -139,7 +143,7 @@ def further_loss(frame: CoordinateFrame, sight: Any, source: Any) -> tuple[Any, 
     """
     half_square, turn = off_beam(sight, source)
     sigma = frame.beam_sigma_rad
-    beam, slope, _ = beam_of_three(half_square, sigma, frame.gaussians)
+    beam, slope = radiance(half_square, sigma, frame.gaussians)
     scale, further = 0.5 / (sigma * sigma), -0.5 * log(maximum(beam, LEAST_BEAM))
     steeper = -0.5 * slope - scale
     return further - scale * half_square, steeper * turn, 2 * steeper * half_square

@@ -19,6 +19,7 @@ from uuv_optical_array.control.formation import (
 )
 from uuv_optical_array.control.leader_belief import Goal, LeaderBelief, SightSettings
 from uuv_optical_array.control.leader_motion import Glow, LeaderMotion, turning
+from uuv_optical_array.control.other_lamp import OtherLamp, within_reach
 from uuv_optical_array.control.told_motion import Told
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Quantity
@@ -119,6 +120,11 @@ class Darkness:
         self._stayed = self.own[:3].copy()
 
     @property
+    def leader(self) -> LeaderMotion | None:
+        """The leader's motion; ``None``: it was never seen."""
+        return self.motion if self._stopped else None
+
+    @property
     def own(self) -> Array:
         """Where the follower is by its own motion, ``(5,)``."""
         return self.motion.own
@@ -169,13 +175,28 @@ class Darkness:
         if self.unseen_s == 0:
             self._last = copy(self.motion)
 
-    def begin_search(self, from_s: float) -> None:
-        """Search, by a time from `age_s` 0 on, s: the leader may have gone anywhere since."""
+    def within_reach(self, pose: Array, covariance: Array) -> bool:
+        """Say whether the leader may have got to where a pose has it, but for a chance."""
+        off, spread = self.motion.off(pose, covariance)
+        return within_reach(off, spread + self.motion.covariance[:5, :5], self.age_s)
+
+    def begin_search(self, from_s: float, other: OtherLamp | None = None) -> None:
+        """Search, by a time from `age_s` 0 on, s: the leader may have gone anywhere since.
+
+        It may be in company with another lamp that was seen beside it.
+        """
         self.search_from_s = from_s
         self._goal, self._planned_s = Goal(-1, 0.0), -math.inf
         if self._stopped:
-            self._belief = LeaderBelief.of_motion(self._search, self._last)
+            self._belief = LeaderBelief.of_motion(self._search, self._last, other is not None)
             self._belief.pass_time(self.unseen_s)
+        if other is not None:
+            self._goal, self._planned_s = self.accompany(other), self._now_s
+
+    def accompany(self, other: OtherLamp) -> Goal:
+        """Take where a leader in company with another lamp would be; return the place behind it."""
+        place, heading = other.beside(self.own)
+        return self._belief.accompany(place, heading, other.motion.speed, other.motion.turn)
 
     def glimpse(self, pose: Array, covariance: Array) -> None:
         """Let a pose that does not steer yet guide the search."""
@@ -184,13 +205,16 @@ class Darkness:
         if goal is not None:
             self._goal, self._planned_s = goal, self._now_s
 
-    def found(self, pose: Array) -> str:
-        """Say after how long a pose came, and how far its lamp is from where it was expected."""
+    def found(self, pose: Array, others: bool) -> str:
+        """Say after how long a pose came, and how far its lamp is from where it was expected.
+
+        It may be another one where that is far, and where `others` were seen.
+        """
         after = f"after {self.age_s:.1f} s"
         if not self._stopped:
             return after
         off_m = max(self._stray_m, self.motion.off_m(pose))
-        doubt = off_m > OTHER_M + self.motion.place_std_m
+        doubt = others or off_m > OTHER_M + self.motion.place_std_m
         other = "; it may be another lamp" * doubt
         return f"{after}, {off_m:.1f} m from where the leader was expected{other}"
 
@@ -198,8 +222,7 @@ class Darkness:
         """Return what steers to where the station would be, by the leader's last motion."""
         leader = self.motion
         at = leader.rotation
-        rel = np.concatenate([at.T @ (self.own[:3] - leader.place), self.own[3:] - leader.heading])
-        rel = wrapped(rel)
+        rel = leader.pose
         to_body = rotation_matrix(rel[PITCH], rel[YAW]).T
         moving = np.concatenate([leader.speed + turning(leader.turn, rel[:3]), leader.turn])
         lamps = [self._lamp(leader.place, at @ leader.speed), *self._last_seen()]

@@ -21,12 +21,12 @@ and dim images, may be false. Where the leader is not sure to be there, poses ha
 """
 
 import math
+from collections import deque
 from copy import copy
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtri
 
 from uuv_optical_array.control.darkness import Darkness, SearchSettings, Seen
 from uuv_optical_array.control.formation import (
@@ -34,7 +34,8 @@ from uuv_optical_array.control.formation import (
     FormationSettings,
     nanoseconds,
 )
-from uuv_optical_array.control.leader_motion import CHANCE, Glow, LeaderMotion
+from uuv_optical_array.control.leader_motion import Glow, LeaderMotion
+from uuv_optical_array.control.other_lamp import OtherLamp, goes_on
 from uuv_optical_array.control.told_motion import Message
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
@@ -46,6 +47,8 @@ DEFAULT_SEARCH = SearchSettings()
 IMAGES_S = 2.0  # without any image until a search would be blind
 MOST_TURNED_RAD = 0.35  # standard deviation of the angles of a light that came back and steers
 SURFACE_M_PER_S = 0.2
+# By what factor, and beyond each of how many images, light grows where a second lamp is lit.
+LIT, LIT_IMAGES = 1.4, 3
 MEASURED_S = 1.0  # age beyond which a measured velocity is not used
 
 
@@ -80,6 +83,9 @@ class Following:
         self._image_s = -math.inf
         self._glow: Glow | None = None  # of the newest image
         self._seen: Seen | None = None  # of the leader, by poses that steered
+        self._other: OtherLamp | None = None
+        self._others = False  # whether there was one
+        self._peaks: deque[float] = deque(maxlen=LIT_IMAGES)
         self._began_s = math.nan  # when the first image came
         self._twist: Array = np.zeros(5)  # commanded last
         self._measured: tuple[float, Array] | None = None
@@ -108,9 +114,20 @@ class Following:
         turn in a search.
         """
         self._image_s, self._glow = stamp_s, glow
+        if self._brightens(glow):
+            self._other = None  # it is no more the only one in sight
         self._images += 1
         if math.isnan(self._began_s):
             self._began_s = stamp_s
+
+    def _brightens(self, glow: Glow | None) -> bool:
+        """Say whether light grows at once by so much that another lamp was lit."""
+        brightest = max(self._peaks, default=math.inf)
+        if glow is None:
+            self._peaks.clear()
+            return False
+        self._peaks.append(glow.peak)
+        return glow.peak > LIT * brightest
 
     def moved(self, stamp_s: float, linear: ArrayLike, angular: ArrayLike) -> None:
         """Take the follower's measured velocity, m/s and rad/s, ``(3,)`` each, in its frame.
@@ -135,7 +152,7 @@ class Following:
             self._go_dark(now_s, self._seen)
         assert self._dark is not None
         self._dark.begin_search(self._dark.age_s)
-        self._seen = None
+        self._seen = self._other = None  # whatever lamp it finds
         self._to("searching", now_s, "it was told to")
 
     def update(
@@ -160,6 +177,9 @@ class Following:
         dark, sure = self._dark, False
         if dark is not None:
             dark.advance(stamp_s, self._own_twist(stamp_s))
+            if dark.leader is not None:
+                reached = dark.within_reach(pose, covariance)
+                self._hold_apart(stamp_s, pose, covariance, dark.leader, reached)
         if dark is not None and self.state.name == "coasting":
             sure = dark.expected(pose, covariance)
         elif dark is not None:
@@ -177,22 +197,42 @@ class Following:
         if dark is not None and covariance[3:, 3:].trace() > MOST_TURNED_RAD**2:
             self._settling.clear()  # a heading to go by is to be known
         elif self._settled(stamp_s) or sure:
-            found = f"light came back {dark.found(pose)}" if dark else "the leader's light steers"
+            found = "the leader's light steers"
+            if dark is not None:
+                found = f"light came back {dark.found(pose, self._others)}"
             self._to("locked", stamp_s, found)
             self._dark = None
 
     def _check(self, stamp_s: float, pose: Array, covariance: Array) -> None:
-        """Raise Outlier for a pose beyond the minimum distance that cannot be the leader's.
+        """Raise Outlier for a pose beyond the minimum distance that does not go on from the last.
 
         Whatever the leader does, a lamp that goes on from the last pose is its own.
         """
         last, far = self._law.last, np.linalg.norm(pose[:3]) > self._settings.min_distance_m
         if self._seen is None or last is None or stamp_s * 1e9 <= last.stamp_ns or not far:
             return
-        self._seen.motion.advance(stamp_s, self._own_twist(stamp_s))
-        off = self._law.off(stamp_s, pose)[:3]
-        if off @ np.linalg.solve(2 * covariance[:3, :3], off) > chdtri(3, CHANCE):
-            self._seen.motion.check(pose, covariance)
+        expected, since_s = pose - self._law.off(stamp_s, pose), stamp_s - last.stamp_ns * 1e-9
+        reached = goes_on(expected, pose, covariance, since_s)
+        if self._other is not None or not reached:
+            self._hold_apart(stamp_s, pose, covariance, self._seen.motion, reached)
+
+    def _hold_apart(
+        self, stamp_s: float, pose: Array, covariance: Array, leader: LeaderMotion, reached: bool
+    ) -> None:
+        """Raise Outlier for a pose of another lamp, as where the leader cannot have reached it."""
+        other = self._other
+        leaders = [leader, *([self._seen.motion] if self._seen else [])]  # a light that settles
+        for motion in (*leaders, *([other.motion] if other else [])):
+            motion.advance(stamp_s, self._own_twist(stamp_s))
+        if other is None or not other.has(pose, covariance, leaders):
+            if reached:
+                return
+            other = self._other = OtherLamp(stamp_s, pose, covariance, leader)
+            self._others = True
+        self._glow = None  # it is that lamp's
+        if self.state.name == "searching" and self._dark is not None:
+            self._dark.accompany(other)
+        raise leader.outlier(pose)
 
     def _note_seen(self, stamp_s: float, pose: Array, covariance: Array) -> None:
         """Let a pose tell of the leader's motion, and of how bright its lamp is.
@@ -273,7 +313,7 @@ class Following:
         most_s = max(s.coast_s, s.search_time_s)  # without a pose, whatever is seen
         if name == "coasting" and (dark.unseen_s > s.coast_s or dark.age_s > most_s):
             name = "searching"
-            dark.begin_search(dark.age_s - dark.unseen_s)
+            dark.begin_search(dark.age_s - dark.unseen_s, self._other)
             self._seen = None  # what comes back has to settle
             self._to(name, now_s, "the leader may have turned; the likely places are looked at")
         if name != "searching":

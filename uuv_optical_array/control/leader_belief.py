@@ -34,6 +34,8 @@ PERSIST = (1.0, 0.3)  # shares of the last turn rate from which it does
 # Probability that a leader without light has changed its speed, each to one of these, m/s: it
 # stopped, or stopped and went aside, up, down or back.
 STOPPED = 0.15
+# That it goes on beside another lamp that was seen beside it as its own light went.
+COMPANY = 0.5
 DRIFTS = np.array([[0, 0, 0], [0, 0.3, 0], [0, -0.3, 0], [0, 0, 0.25], [0, 0, -0.25], [-0.5, 0, 0]])
 DARK_S = 30.0  # time constant of the probability that the lamp still gives no light
 LOOK_S = 4.0  # of looking at a lit lamp without seeing it, which makes it unlikely by e
@@ -106,11 +108,14 @@ class LeaderBelief:
         self._speeds, self._rates = with_glimpse(speeds), with_glimpse(rates)
         self._turns = with_glimpse(turns)
         self._drifting = slice(0)  # hypotheses that come to rest after `TURNING_S`
+        self._company: int | None = None  # the hypothesis of a leader beside another lamp
         self.age_s = 0.0
 
     @classmethod
-    def of_motion(cls, settings: SightSettings, leader: LeaderMotion) -> "LeaderBelief":
-        """Return what is known of a leader as its light goes."""
+    def of_motion(
+        cls, settings: SightSettings, leader: LeaderMotion, company: bool = False
+    ) -> "LeaderBelief":
+        """Return what is known of a leader as its light goes; it may be in `company`."""
         (turns, turn_std), (climbs, climb_std) = TURNS, CLIMBS
         grids = np.meshgrid(climbs, turns, PERSIST, indexing="ij")
         climb, yaw, persist = (grid.ravel() for grid in grids)
@@ -122,8 +127,16 @@ class LeaderBelief:
         rates = np.vstack([np.outer(persist, leader.turn), still])
         speeds = np.vstack([np.tile(leader.speed, (len(climb), 1)), DRIFTS])
         starts = np.tile(np.concatenate([leader.place, leader.heading]), (len(prior), 1))
+        if company:  # as those that go straight on, until `accompany` says where
+            straight = int(going.argmax())
+            prior = np.append((1 - COMPANY) * prior, COMPANY)
+            starts, speeds, rates, later = (
+                np.concatenate([rows, rows[straight : straight + 1]])
+                for rows in (starts, speeds, rates, later)
+            )
         self = cls(settings, prior, starts, speeds, rates, later)
-        self._drifting = slice(len(going), len(prior))
+        self._drifting = slice(len(going), len(going) + len(halted))
+        self._company = len(prior) - 1 if company else None
         return self
 
     @classmethod
@@ -146,6 +159,18 @@ class LeaderBelief:
         self.weights[seen & facing] *= math.exp(-step_s * lit / LOOK_S)
         self.weights += (self._prior - self.weights) * (1 - math.exp(-step_s / AGAIN_S))
         self.pass_time(step_s)
+
+    def accompany(self, place: Array, heading: Array, speed: Array, turn: Array) -> Goal:
+        """Take where a leader in company would be, and how it moves; return the place behind it.
+
+        Arguments are those of `LeaderMotion`. Where no company is known of nothing changes.
+        """
+        k = self._company
+        if k is None:
+            return Goal(-1, 0.0)
+        self.places[k], self.headings[k] = place, heading
+        self._speeds[k], self._rates[k], self._turns[k] = speed, turn, turn
+        return Goal(k, 1.0)
 
     def pass_time(self, step_s: float) -> None:
         """Let time pass, s, without looking."""

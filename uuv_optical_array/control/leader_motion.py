@@ -71,9 +71,9 @@ class LeaderMotion:
         self.turn: Array = np.zeros(2)
         self.place: Array = np.zeros(3)
         self.heading: Array = np.zeros(2)
-        slopes = _slopes(pose, np.zeros(2))
+        sees = slopes(pose, np.zeros(2))
         self.covariance: Array = np.zeros((10, 10))
-        self.covariance[:5, :5] = slopes @ covariance @ slopes.T
+        self.covariance[:5, :5] = sees @ covariance @ sees.T
         self.covariance[5:, 5:] = np.diag(np.square(RATE_STD))
         self.unseen_s = self._corrected_s = 0.0
 
@@ -81,6 +81,12 @@ class LeaderMotion:
     def rotation(self) -> Array:
         """Rotation from the leader's axes to the water's, ``(3, 3)``."""
         return rotation_matrix(*self.heading)
+
+    @property
+    def pose(self) -> Array:
+        """Pose of the follower in the leader's axes, ``(5,)``."""
+        place = self.rotation.T @ (self.own[:3] - self.place)
+        return wrapped(np.concatenate([place, self.own[3:] - self.heading]))
 
     @property
     def place_std_m(self) -> float:
@@ -108,19 +114,39 @@ class LeaderMotion:
         self.covariance = onward @ self.covariance @ onward.T + grown @ grown.T
         return step_s
 
+    def off(self, pose: Array, covariance: Array) -> tuple[Array, Array]:
+        """Return how far a pose's leader is from the expected, ``(5,)``, and its covariance."""
+        place, heading = seen_at(self.own, pose)
+        sees = slopes(pose, heading)
+        off = np.concatenate([place - self.place, wrapped(heading - self.heading, 1)])
+        return off, sees @ covariance @ sees.T
+
     def expects(self, pose: Array, covariance: Array, chance: float = CHANCE) -> bool:
         """Say whether the lamp of a pose is where the leader's may be, but for a chance."""
-        off, spread = self._off(pose, covariance)
+        off, spread = self.off(pose, covariance)
         spread = (spread + self.covariance[:5, :5])[:3, :3]
         return float(off[:3] @ np.linalg.solve(spread, off[:3])) <= chdtri(3, chance)
+
+    def unlikeliness(self, pose: Array, covariance: Array) -> float:
+        """Return twice the negative logarithm of how likely a pose of it is, but for a constant.
+
+        By that leaders are compared, each in its own frame.
+        """
+        off, spread = self.off(pose, covariance)
+        spread = spread + self.covariance[:5, :5]
+        return float(off @ np.linalg.solve(spread, off) + np.linalg.slogdet(spread)[1])
 
     def check(self, pose: Array, covariance: Array) -> None:
         """Raise Outlier for a pose that it does not expect."""
         if not self.expects(pose, covariance):
-            raise Outlier(
-                f"outlier: a lamp {self.off_m(pose):.3g} m from where the leader is expected; "
-                "another lamp, or the leader left its way"
-            )
+            raise self.outlier(pose)
+
+    def outlier(self, pose: Array) -> Outlier:
+        """Return what is said of a pose that is not taken for the leader's."""
+        return Outlier(
+            f"outlier: a lamp {self.off_m(pose):.3g} m from where the leader is expected; "
+            "another lamp, or the leader left its way"
+        )
 
     def off_m(self, pose: Array) -> float:
         """Return how far the lamp of a pose is from where the leader's is expected, m."""
@@ -128,7 +154,7 @@ class LeaderMotion:
 
     def see(self, pose: Array, covariance: Array) -> None:
         """Take a pose that it `expects`, whatever it knows."""
-        self._correct(*self._off(pose, covariance), np.eye(5, 10))
+        self._correct(*self.off(pose, covariance), np.eye(5, 10))
 
     def face(self, glow: Glow) -> None:
         """Take where an image is brightest, if the leader may be there."""
@@ -160,13 +186,6 @@ class LeaderMotion:
         stds = np.sqrt(self.covariance.diagonal()[5:])
         return bool((stds <= KNOWN * RATE_STD).all())
 
-    def _off(self, pose: Array, covariance: Array) -> tuple[Array, Array]:
-        """Return how far a pose's leader is from the expected, ``(5,)``, and its covariance."""
-        place, heading = seen_at(self.own, pose)
-        slopes = _slopes(pose, heading)
-        off = np.concatenate([place - self.place, wrapped(heading - self.heading, 1)])
-        return off, slopes @ covariance @ slopes.T
-
     def _correct(self, off: Array, spread: Array, sees: Array) -> None:
         """Correct by an innovation, ``(m,)``, its covariance and what it sees, ``(m, 10)``."""
         self._take(off, spread * max(ALIKE_S / max(self._corrected_s, 1e-3), 1.0), sees)
@@ -195,12 +214,12 @@ def turning(turn: Array, place: Array) -> Array:
     return np.cross([0.0, *turn], place)
 
 
-def _slopes(pose: Array, heading: Array) -> Array:
+def slopes(pose: Array, heading: Array) -> Array:
     """Return the slopes of a leader's place and heading by a pose of it, ``(5, 5)``."""
     rotation = rotation_matrix(*heading)
     way = rotation @ pose[:3]
-    slopes: Array = np.zeros((5, 5))
-    slopes[:3, :3], slopes[3:, 3:] = -rotation, -np.eye(2)
-    slopes[:3, PITCH] = np.cross(rotation[:, 1], way)
-    slopes[:3, YAW] = np.cross([0.0, 0.0, 1.0], way)
-    return slopes
+    by_pose: Array = np.zeros((5, 5))
+    by_pose[:3, :3], by_pose[3:, 3:] = -rotation, -np.eye(2)
+    by_pose[:3, PITCH] = np.cross(rotation[:, 1], way)
+    by_pose[:3, YAW] = np.cross([0.0, 0.0, 1.0], way)
+    return by_pose

@@ -47,8 +47,9 @@ DEFAULT_SEARCH = SearchSettings()
 IMAGES_S = 2.0  # without any image until a search would be blind
 MOST_TURNED_RAD = 0.35  # standard deviation of the angles of a light that came back and steers
 SURFACE_M_PER_S = 0.2
-# By what factor, and beyond each of how many images, light grows where a second lamp is lit.
-LIT, LIT_IMAGES = 1.4, 3
+# By what factor, and beyond each of how many images, light grows where a second lamp is lit and
+# falls where one of two goes out; in what time after that what is left is taken up by the track.
+LIT, LIT_IMAGES, LEFT_S = 1.4, 3, 2.0
 MEASURED_S = 1.0  # age beyond which a measured velocity is not used
 
 
@@ -86,6 +87,7 @@ class Following:
         self._other: OtherLamp | None = None
         self._others = False  # whether there was one
         self._peaks: deque[float] = deque(maxlen=LIT_IMAGES)
+        self._out_s = -math.inf  # when a lamp went out last
         self._began_s = math.nan  # when the first image came
         self._twist: Array = np.zeros(5)  # commanded last
         self._measured: tuple[float, Array] | None = None
@@ -114,20 +116,23 @@ class Following:
         turn in a search.
         """
         self._image_s, self._glow = stamp_s, glow
-        if self._brightens(glow):
-            self._other = None  # it is no more the only one in sight
+        self._watch_lamps(stamp_s, glow)
         self._images += 1
         if math.isnan(self._began_s):
             self._began_s = stamp_s
 
-    def _brightens(self, glow: Glow | None) -> bool:
-        """Say whether light grows at once by so much that another lamp was lit."""
-        brightest = max(self._peaks, default=math.inf)
+    def _watch_lamps(self, stamp_s: float, glow: Glow | None) -> None:
+        """Note where light grows or falls at once by so much that a lamp was lit or went out."""
+        peaks = self._peaks
         if glow is None:
-            self._peaks.clear()
-            return False
-        self._peaks.append(glow.peak)
-        return glow.peak > LIT * brightest
+            peaks.clear()
+            self._out_s = stamp_s
+            return
+        if peaks and glow.peak > LIT * max(peaks) and self._other is not None:
+            self._other.alone = False
+        if peaks and LIT * glow.peak < min(peaks):
+            self._out_s = stamp_s
+        peaks.append(glow.peak)
 
     def moved(self, stamp_s: float, linear: ArrayLike, angular: ArrayLike) -> None:
         """Take the follower's measured velocity, m/s and rad/s, ``(3,)`` each, in its frame.
@@ -220,18 +225,21 @@ class Following:
         self, stamp_s: float, pose: Array, covariance: Array, leader: LeaderMotion, reached: bool
     ) -> None:
         """Raise Outlier for a pose of another lamp, as where the leader cannot have reached it."""
-        other = self._other
         leaders = [leader, *([self._seen.motion] if self._seen else [])]  # a light that settles
-        for motion in (*leaders, *([other.motion] if other else [])):
+        for motion in (*leaders, *([self._other.motion] if self._other else [])):
             motion.advance(stamp_s, self._own_twist(stamp_s))
-        if other is None or not other.has(pose, covariance, leaders):
-            if reached:
-                return
-            other = self._other = OtherLamp(stamp_s, pose, covariance, leader)
+        if self._other is not None and self._other.motion.unseen_s > self._search.coast_s:
+            self._other = None
+        if self._other is None and not reached and 0 <= stamp_s - self._out_s <= LEFT_S:
+            self._other = OtherLamp(stamp_s, pose, covariance, leader)
             self._others = True
+        elif self._other is None or not self._other.has(pose, covariance, leaders):
+            if not reached:  # as where two lights part
+                leader.check(pose, covariance)
+            return
         self._glow = None  # it is that lamp's
         if self.state.name == "searching" and self._dark is not None:
-            self._dark.accompany(other)
+            self._dark.accompany(self._other)
         raise leader.outlier(pose)
 
     def _note_seen(self, stamp_s: float, pose: Array, covariance: Array) -> None:

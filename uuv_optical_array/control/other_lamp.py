@@ -24,20 +24,21 @@ class OtherLamp:
     """Another lamp, from the first pose of it on.
 
     - motion: its own.
+    - alone: whether its light is the only one in sight: that of two lamps is of neither.
     - place, heading: of the leader in its axes, as it was seen first, m, ``(3,)``, and rad,
       ``(2,)``.
     """
 
     def __init__(self, now_s: float, pose: Array, covariance: Array, leader: LeaderMotion) -> None:
         """Begin with a pose, ``(5,)``, and its covariance, beside a leader as it is expected."""
-        self.motion = LeaderMotion(now_s, pose, covariance)
+        self.motion, self.alone = LeaderMotion(now_s, pose, covariance), True
         place, heading = seen_at(leader.own, pose)
         self.place: Array = rotation_matrix(*heading).T @ (leader.place - place)
         self.heading = wrapped(leader.heading - heading, 1)
 
     def has(self, pose: Array, covariance: Array, leaders: Sequence[LeaderMotion]) -> bool:
         """Say whether a pose goes on from this lamp rather than from a leader's, and take it."""
-        if not self.motion.expects(pose, covariance):
+        if not (self.alone and self.motion.expects(pose, covariance)):
             return False
         others = [leader.unlikeliness(pose, covariance) for leader in leaders]
         if self.motion.unlikeliness(pose, covariance) > min(others):

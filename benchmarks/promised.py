@@ -233,6 +233,7 @@ def closed_loop(names: str) -> Figures:
         "off": max(row["off_m"] for row in rows),
         "false": sum(row["false"] for row in rows) / sum(row["frames"] for row in rows),
         "steered": sum(row["false_steered"] for row in rows),
+        "silent": sum(row["silent"] for row in rows),
     }
 
 

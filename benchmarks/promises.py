@@ -63,7 +63,7 @@ YARDSTICKS |= {"planar 5 x 5": 110, "sam, held to the image": 61}
 def loops(what: str, kinds: str, *asked: tuple[str, float, str]) -> Iterator[Promise]:
     """Yield what is promised of followers in some kinds of trouble of ``study envelope``."""
     words = {"lost": "lost", "off": "farthest off", "false": "share of false tracks"}
-    words["steered"] = "false tracks steered by"
+    words |= {"steered": "false tracks steered by", "silent": "followed in silence"}
     for key, bound, unit in asked:
         measure = partial(promised.closed_loop, kinds)
         yield Promise("loops", f"{what}: {words[key]}", bound, unit, "envelope", measure, key)
@@ -122,6 +122,8 @@ PROMISES = (
     *loops("starts 3 m aside, turned by 100 deg, 12 m behind",
            "start_aside_3,start_turned_100,start_far_12", ("lost", 0, "")),
     *loops("an equal lamp", "other_aside,other_crossing,other_ahead,other_out_10", ("lost", 0, "")),
+    *loops("an equal lamp, as ours goes out", "other_out,other_instead,other_out_10",
+           ("silent", 0, "")),
     *loops("light returns dimly", "dim_aside,dim_turned", ("steered", 0, "")),
     *loops("formation of four", "formation_4", ("lost", 0, ""), ("off", 0.2, "m")),
 )

@@ -10,15 +10,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
-from uuv_optical_array.control.darkness import SearchSettings
+from uuv_optical_array.control.darkness import DOUBT, SearchSettings
 from uuv_optical_array.control.following import (
     IMAGES_S,
+    LIT,
     MEASURED_S,
     SURFACE_M_PER_S,
     Following,
 )
 from uuv_optical_array.control.formation import RANGE_STDS, FormationSettings
-from uuv_optical_array.control.leader_motion import CHANCE, CHANGE
+from uuv_optical_array.control.leader_motion import CHANCE, CHANGE, Glow
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.tracking.track import Outlier
 
@@ -47,6 +48,7 @@ class Pursuit:
         self.twist = np.zeros(5)
         self.tick = 0
         self.light, self.images, self.aside = True, True, np.zeros(3)
+        self.peak = None  # of the image, whose middle is brightest; none: it shows no light
         self.std_m = STD_M  # of poses, as they say
         self.commanded, self.refused, self.states = None, None, []
 
@@ -74,7 +76,7 @@ class Pursuit:
     def step(self):
         following, now = self.following, self.now
         if self.images:
-            following.looked(now)
+            following.looked(now, None if self.peak is None else Glow(0.0, 0.0, self.peak))
         self.refused = None
         if self.light:
             place = self.place() - self.aside
@@ -254,6 +256,37 @@ def test_a_lamp_that_jumps_is_not_followed_while_the_leader_cannot_be_there(asid
         assert isinstance(pursuit.refused, Outlier)
         assert words in str(pursuit.refused)
         np.testing.assert_allclose(pursuit.twist, without.twist, atol=1e-12)
+
+
+def test_an_equal_lamp_is_held_apart_to_the_end_of_the_search_and_ours_is_found_again():
+    """Beside ours, which is out for 10 s; it goes along, so that the leader might be there."""
+    pursuit, _ = dark()
+    pursuit.light, pursuit.aside = True, np.array([0.0, 1.5, 0.0])
+    for _ in range(round(10 / TICK_S)):
+        pursuit.step()
+        assert isinstance(pursuit.refused, Outlier)
+    assert pursuit.states == ["waiting", "locked", "coasting", "searching", "lost"]
+    pursuit.aside = np.zeros(3)
+    pursuit.until("locked").run(20)
+    assert DOUBT in pursuit.following.state.reason
+    assert pursuit.off_station() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("left", "later", "found"), [(0.5, 0.5, False), (1.0, 1.0, True), (0.5, 1.02 * LIT * 0.5, True)]
+)
+def test_a_lamp_is_held_apart_where_one_went_out_and_until_another_is_lit(left, later, found):
+    """Of the light's peak some is left as the lamp jumps; later it is another."""
+    pursuit = Pursuit(search=SHORT)
+    pursuit.peak = 100.0
+    pursuit.run(LIT_S)
+    pursuit.peak, pursuit.aside = 100.0 * left, np.array([0.0, 1.5, 0.0])
+    pursuit.until("coasting").run(1.0)
+    pursuit.peak = 100.0 * later
+    pursuit.run(SHORT.search_time_s)
+    assert pursuit.states[-1] == ("locked" if found else "lost")
+    if found:
+        assert DOUBT in pursuit.following.state.reason
 
 
 def test_a_leader_that_backs_up_hard_in_the_light_is_followed_all_the_way():

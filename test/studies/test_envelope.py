@@ -9,6 +9,7 @@ import pytest
 from command_line import assert_picture, json_of
 from scenes import changed, coarse
 
+from uuv_optical_array.control.darkness import DOUBT
 from uuv_optical_array.control.leader_path import leader_twist
 from uuv_optical_array.control.vehicles import Vehicle
 from uuv_optical_array.estimation.estimator import Estimator
@@ -57,6 +58,16 @@ def planted(off_m, state="locked", dark=False, error_m=0.0, steers=True):
 )
 def test_what_became_of_a_run(run, became):
     assert closed_loop_figures.outcome(run, 2.0) == became
+
+
+@pytest.mark.parametrize(
+    ("error_m", "reason", "alone"),
+    [(6.1, "", True), (5.9, "", False), (6.1, f"light came back; {DOUBT}", False)],
+)
+def test_another_lamp_is_followed_in_silence_where_no_doubt_is_said(error_m, reason, alone):
+    one = planted([0, 0, 0, 0], error_m=error_m)._replace(reasons=[reason] * 4)
+    assert closed_loop_figures.silent(one) == alone
+    assert closed_loop_figures.figures(PLAIN, [[one], [planted([0] * 4)]])["silent"] == alone
 
 
 def test_figures_are_those_of_the_worst_follower_and_run():

@@ -36,6 +36,7 @@ TURN_RAD, PITCH_RAD, TURNING_S = 0.8, 0.2, 1.0
 # pose has to settle.
 LIKELY, SURE_M = 0.05, 1.0
 OTHER_M = 1.0  # from where the leader is expected, where a lamp may be another one
+DOUBT = "it may be another lamp"
 
 
 @dataclass(frozen=True)
@@ -215,8 +216,7 @@ class Darkness:
             return after
         off_m = max(self._stray_m, self.motion.off_m(pose))
         doubt = others or off_m > OTHER_M + self.motion.place_std_m
-        other = "; it may be another lamp" * doubt
-        return f"{after}, {off_m:.1f} m from where the leader was expected{other}"
+        return f"{after}, {off_m:.1f} m from where the leader was expected" + f"; {DOUBT}" * doubt
 
     def coast(self) -> Aim:
         """Return what steers to where the station would be, by the leader's last motion."""

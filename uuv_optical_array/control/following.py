@@ -18,6 +18,11 @@ it is going.
 Light that comes back is not believed at once: a track that begins while the vehicles move, of few
 and dim images, may be false. Where the leader is not sure to be there, poses have to agree for
 ``settle_s`` and know their range before they steer; until then each guides the search.
+
+An equal lamp beside the leader's, which goes out, is not followed but held apart (`other_lamp`):
+light falls at once, and what is left is where the leader cannot have got. Where light grows at once
+by a second lamp the poses are of neither, and what is found then is said to be doubtful. That of
+two lamps that merge and part again is refused until the leader may be there.
 """
 
 import math

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uuv_optical_array.control.darkness import DOUBT
 from uuv_optical_array.control.following import STATES
 from uuv_optical_array.core.storage.formats import plain
 from uuv_optical_array.studies.closed_loop_runs import Kind, Run
@@ -21,14 +22,24 @@ OUTCOMES = "kept", "strayed", "lost"
 
 def outcome(run: Run, since_s: float) -> str:
     """Say what became of a follower: a key of `OUTCOMES`."""
-    last = run.t_s > run.t_s[-1] - LAST_S
-    if (run.steered & false_frames(run))[last].mean() > 0.5:
+    if _at_the_end(run, run.steered & false_frames(run)):
         return "lost"  # it follows another lamp, or nothing
     if run.dark[-1]:
         return "kept"  # there is nothing to follow, and it follows nothing
     if end_m(run) > LOST_SHARE * run.station_m or run.states[-1] in ("searching", "lost"):
         return "lost"
     return "kept" if farthest_m(run, since_s) <= KEPT_M else "strayed"
+
+
+def silent(run: Run) -> bool:
+    """Say whether in the end false poses steer a follower that does not say it doubts them."""
+    said = np.array([DOUBT in reason for reason in run.reasons])
+    return _at_the_end(run, run.steered & false_frames(run) & ~said)
+
+
+def _at_the_end(run: Run, frames: NDArray[np.bool_]) -> bool:
+    """Say whether some frames are most of the last."""
+    return bool(frames[run.t_s > run.t_s[-1] - LAST_S].mean() > 0.5)
 
 
 def farthest_m(run: Run, since_s: float) -> float:
@@ -86,6 +97,7 @@ def figures(kind: Kind, runs: Sequence[Sequence[Run]]) -> dict[str, Any]:
             "false_steered": sum(
                 int((part & run.steered).sum()) for run, part in zip(every, false, strict=True)
             ),
+            "silent": sum(any(map(silent, one)) for one in runs),
             "states": [state for state in STATES if state in seen],
         }
     )

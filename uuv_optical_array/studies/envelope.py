@@ -6,7 +6,8 @@ currents, starts off the station, other lamps, formations. A run is kept where t
 never farther than 1 m off its station since the trouble began. It is lost where in the end, though
 the lamp shines, the follower searches or is farther off than half the station's distance to the
 lamp, or where false poses steer it. All else strayed. A frame is false where its track is off by
-more than six of its own standard deviations.
+more than six of its own standard deviations. Silent are runs that false poses steer in the end
+while the state does not say that the lamp may be another one.
 
   uuv_array study envelope                                      every kind, ten seeds each
   uuv_array study envelope --kinds darkness,turn_20 --seeds 3   a group and a kind
@@ -48,6 +49,7 @@ COLUMNS = {
     "back_s": "after (s)",
     "false": "false",
     "false_steered": "steered",
+    "silent": "silent",
     "states": "states",
 }
 

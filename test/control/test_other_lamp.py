@@ -1,0 +1,88 @@
+"""A lamp that is not the leader's: closed forms of where a leader can get, and what goes on."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from uuv_optical_array.control.leader_motion import CHANCE, LeaderMotion
+from uuv_optical_array.control.other_lamp import MOST_CHANGE, OtherLamp, goes_on, within_reach
+
+STATION = np.array([-4.5, 0.3, -0.2, 0.05, -0.1])
+FIVE, ONE = chi2.isf(CHANCE, 5), chi2.isf(CHANCE, 1)
+SURE = 1e-6 * np.eye(5)
+
+
+@pytest.mark.parametrize("share", [0.98, 1.02])
+@pytest.mark.parametrize("axis", range(5))
+def test_a_leader_gets_as_far_as_it_speeds_up_and_turns_beside_what_a_pose_errs(axis, share):
+    std, since_s = 0.1, 0.7
+    reach = MOST_CHANGE[axis] * since_s**2 / 2
+    off = np.zeros(5)
+    off[axis] = share * math.sqrt(FIVE * (std**2 + reach**2 / ONE))
+    assert within_reach(off, std**2 * np.eye(5), since_s) == (share < 1)
+
+
+@pytest.mark.parametrize("share", [0.98, 1.02])
+def test_a_leader_that_turns_where_it_is_goes_on_by_its_turn_alone(share):
+    """The follower swings round it: 1.5 m in a pose whose lamp has not moved."""
+    since_s = 1.0
+    turned = share * math.sqrt(FIVE / ONE) * MOST_CHANGE[4] * since_s**2 / 2
+    back = Rotation.from_euler("z", -turned)
+    pose = np.array([*back.apply(STATION[:3]), STATION[3], STATION[4] - turned])
+    assert np.linalg.norm(pose[:3] - STATION[:3]) > 1.4
+    assert goes_on(STATION, pose, 1e-8 * np.eye(5), since_s) == (share < 1)
+
+
+@pytest.mark.parametrize("share", [0.98, 1.02])
+@pytest.mark.parametrize("axis", range(3))
+def test_a_lamp_beside_goes_on_only_from_a_leader_that_can_get_there(axis, share):
+    since_s, pose = 0.5, STATION.copy()
+    pose[axis] += share * math.sqrt(FIVE / ONE) * MOST_CHANGE[axis] * since_s**2 / 2
+    assert goes_on(STATION, pose, 1e-8 * np.eye(5), since_s) == (share < 1)
+
+
+def seen(follower, lamp):
+    """Return the pose, ``(5,)``, of a follower by a lamp; each a place, pitch and yaw."""
+    axes = Rotation.from_euler("ZYX", [lamp[4], lamp[3], 0.0]).inv()
+    return np.array([*axes.apply(follower[:3] - lamp[:3]), *(follower[3:] - lamp[3:])])
+
+
+def test_a_leader_in_company_is_carried_along_by_the_other_lamp():
+    leader = np.array([3.0, 1.0, -0.5, 0.0, 0.4])
+    other = np.array([3.2, 2.4, -0.3, 0.0, 0.6])
+    follower = np.array([-1.0, 0.2, -0.4, 0.0, 0.5])
+    motion = LeaderMotion(0.0, seen(follower, leader), SURE)
+    lamp = OtherLamp(0.0, seen(follower, other), SURE, motion)
+    # Both as one body to another place; its own motion tells the follower where it got meanwhile.
+    carried = Rotation.from_euler("z", 0.7)
+
+    def moved(vehicle):
+        place = carried.apply(vehicle[:3]) + np.array([2.0, -1.0, 0.3])
+        return np.array([*place, 0.0, vehicle[4] + 0.7])
+
+    lamp.motion = LeaderMotion(0.0, seen(follower, moved(other)), SURE)
+    place, heading = lamp.beside(follower)
+    expected = moved(leader)
+    np.testing.assert_allclose(place, expected[:3], atol=1e-9)
+    np.testing.assert_allclose(heading, expected[3:], atol=1e-9)
+
+
+def test_a_pose_is_of_the_lamp_that_explains_it_better_while_that_is_alone():
+    own = np.array([-4.5, 0.0, 0.0, 0.0, 0.0])
+    beside = own - np.array([0.0, 1.5, 0.0, 0.0, 0.0])
+    leader = LeaderMotion(0.0, own, 0.01 * np.eye(5))
+    other = OtherLamp(0.0, beside, 0.01 * np.eye(5), leader)
+    leader.covariance = 25 * leader.covariance  # unseen since: it may be at either
+    assert leader.expects(beside, SURE)
+    assert not other.has(own, SURE, [leader])
+    assert other.has(beside, SURE, [leader])
+    # A light that settles where the other lamp is is that light, if it knows better.
+    settling = LeaderMotion(0.0, beside, SURE)
+    other.motion.covariance *= 100
+    assert not other.has(beside, SURE, [leader, settling])
+    other.motion.covariance /= 1e4
+    other.alone = False
+    assert not other.has(beside, SURE, [leader])

@@ -265,6 +265,8 @@ def test_an_equal_lamp_is_held_apart_to_the_end_of_the_search_and_ours_is_found_
     for _ in range(round(10 / TICK_S)):
         pursuit.step()
         assert isinstance(pursuit.refused, Outlier)
+        if pursuit.state != "locked":
+            assert "not followed" in pursuit.following.state.reason
     assert pursuit.states == ["waiting", "locked", "coasting", "searching", "lost"]
     pursuit.aside = np.zeros(3)
     pursuit.until("locked").run(20)

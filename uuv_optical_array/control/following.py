@@ -306,7 +306,7 @@ class Following:
 
     def _lose_light(self, now_s: float) -> None:
         self._go_dark(now_s, self._seen)
-        self._to("coasting", now_s, "no pose steers; the leader is taken to go on")
+        self._to("coasting", now_s, f"no pose steers; the leader is taken to go on{self._beside()}")
 
     def _begin_search(self, now_s: float) -> None:
         """Search from the start, where images come that show no light."""
@@ -316,6 +316,11 @@ class Following:
         if now_s - self._began_s > start_s:
             self._go_dark(now_s, None)
             self._to("searching", now_s, "no light to steer by since it waits")
+
+    def _beside(self) -> str:
+        """Say of another lamp that is in sight."""
+        seen = self._other is not None and self._other.motion.unseen_s < IMAGES_S
+        return "; the lamp in sight is where the leader could not get, and not followed" * seen
 
     def _images_come(self, now_s: float) -> bool:
         return abs(now_s - self._image_s) <= IMAGES_S
@@ -328,7 +333,8 @@ class Following:
             name = "searching"
             dark.begin_search(dark.age_s - dark.unseen_s, self._other)
             self._seen = None  # what comes back has to settle
-            self._to(name, now_s, "the leader may have turned; the likely places are looked at")
+            why = "the leader may have turned; the likely places are looked at"
+            self._to(name, now_s, why + self._beside())
         if name != "searching":
             return True
         why = ""
@@ -337,7 +343,7 @@ class Following:
         elif not self._images_come(now_s):
             why = "no image comes, so that a search would be blind"
         if why:
-            self._to("lost", now_s, f"{why}; it is told to {s.when_lost}")
+            self._to("lost", now_s, f"{why}; it is told to {s.when_lost}{self._beside()}")
             dark.held = dark.own.copy()
             if s.when_lost == "disengage":
                 self._to("disengaged", now_s, f"{why}; the follower is left to others")

@@ -17,7 +17,7 @@ CAUSES = {
     "frozen": "One of the last 32 frames comes again, down to its noise.",
     "no match": "No signature is within `max_angle_rad`: beyond the table, or another sea.",
     "no fit": "Another lamp or sea, daylight, or dirty, dead or mirrored detectors.",
-    "outlier": "Too far from the track: a reflection, or a manoeuvre too fast for it.",
+    "outlier": "Too far from the track: a reflection, another lamp, or too fast a manoeuvre.",
     "too uncertain": "The range is too uncertain to steer by: `mismatch`, or dark images.",
     "late frame": (
         "A newer one came first; it is tracked if within `buffer_s`, and not published."

@@ -44,6 +44,12 @@ def test_a_lamp_beside_goes_on_only_from_a_leader_that_can_get_there(axis, share
     assert goes_on(STATION, pose, 1e-8 * np.eye(5), since_s) == (share < 1)
 
 
+def test_a_heading_that_passes_half_a_turn_is_no_jump():
+    before = np.array([-4.5, 0.0, 0.0, 0.0, math.pi - 0.001])
+    after = np.array([-4.5, 0.0, 0.0, 0.0, 0.001 - math.pi])
+    assert goes_on(before, after, SURE, 0.1)
+
+
 def seen(follower, lamp):
     """Return the pose, ``(5,)``, of a follower by a lamp; each a place, pitch and yaw."""
     axes = Rotation.from_euler("ZYX", [lamp[4], lamp[3], 0.0]).inv()

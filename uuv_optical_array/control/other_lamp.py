@@ -61,7 +61,8 @@ def goes_on(expected: Array, pose: Array, covariance: Array, since_s: float) -> 
     """
     place, heading = seen_at(expected, pose)
     sees = slopes(pose, heading)
-    return within_reach(np.concatenate([place, heading]), sees @ covariance @ sees.T, since_s)
+    off = np.concatenate([place, wrapped(heading, 1)])
+    return within_reach(off, sees @ covariance @ sees.T, since_s)
 
 
 def within_reach(off: Array, spread: Array, since_s: float) -> bool:

@@ -50,7 +50,13 @@ def marked(mark: str) -> Iterator[None]:
             "no folder to keep compiled code in that this user alone can write; set "
             "NUMBA_CACHE_DIR to one"
         )
-    yield
+    collecting = gc.isenabled()
+    gc.disable()  # the compiler makes many objects that last: a tenth of its time
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
     (folder / mark).touch()
 
 
@@ -63,7 +69,6 @@ def fill_cache(work: Callable[[], None]) -> None:
 
     threading.Thread(target=end_with_the_other, daemon=True).start()
     os.nice(5)  # frames come first
-    gc.disable()  # the compiler makes many objects, and the process ends soon: a tenth of its time
     work()
 
 

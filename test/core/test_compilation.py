@@ -225,5 +225,5 @@ def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
 def test_functions_of_one_source_that_call_others_have_names_of_their_own():
     """Or one file of the cache would take beer for the housing of another, and poses were wrong."""
     transmits = transmit_beer, transmit_lens, transmit_housing, transmit_port
-    names = [compilation.compiled_inside(each).py_func.__qualname__ for each in transmits]
+    names = [compilation.for_callers(each).py_func.__qualname__ for each in transmits]
     assert len(set(names)) == len(transmits)

@@ -149,9 +149,13 @@ def loaded(function: Callable[..., Any]) -> Callable[..., Any]:
     return _LOADED.get(function, function)
 
 
+def for_callers(function: Callable[..., Any]) -> Any:
+    """Return a function as compiled code calls it: as `prepare` compiled it, or only inside."""
+    return _LOADED.get(function) or _compiled_inside(function)
+
+
 @cache
-def compiled_inside(function: Callable[..., Any]) -> Any:
-    """Return a function compiled to be called from compiled code only."""
+def _compiled_inside(function: Callable[..., Any]) -> Any:
     return _numba().njit(**options(function, inner=True))(function)
 
 

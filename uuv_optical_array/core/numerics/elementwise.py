@@ -104,6 +104,11 @@ def beside(own: Any, i: int, image: Any) -> None:
     image[..., i * n : (i + 1) * n] = own
 
 
+def partition(values: Any, n: int) -> None:
+    """Bring the value that is n-th when they are sorted there, and what is less before it."""
+    values.partition(n)
+
+
 def at_place(rows: Any, place: Any, index: Any) -> Any:
     """Return, for each column of an `indices` index, the row of its own place."""
     return np.take_along_axis(rows, np.asarray(place, dtype=np.intp)[None], axis=0)[0]

@@ -116,7 +116,7 @@ def test_weights_are_the_least_of_their_cost(estimator, heat):
     """The cost of doubt, of what is left of the residual, and of being undecided, by SciPy."""
     problem, squares = estimator._fit._kinds[0].problem, np.linspace(0, 60, 25)
     problem = problem._replace(weights=np.ones(25))
-    _, added = weigh(problem, squares, heat)
+    _, added = weigh(squares, heat, problem.weights)
     costs = 0.0
     for square, weight in zip(squares, problem.weights, strict=True):
 

@@ -91,7 +91,7 @@ def test_starts_of_a_large_array_are_compared_by_few_detectors_whose_light_they_
     of_start = Image(images[0].ravel(), 0.0).problem(
         Estimator(model.scene, compiled=False)._fit._kinds[0]
     )
-    np.testing.assert_allclose(direction(of_start, guide), guide.units[:, 0], atol=1e-12)
+    np.testing.assert_allclose(direction(of_start.readings, guide), guide.units[:, 0], atol=1e-12)
 
 
 @pytest.mark.parametrize(("side", "seed"), [(21, 1), (51, 2), (51, 3)])

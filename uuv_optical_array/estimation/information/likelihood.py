@@ -61,7 +61,8 @@ def censored(light: Any, bound: Any, sign: Any, variance: Any) -> tuple[Any, Any
     over = hazard(u)
     share = maximum(over * (over + u), 0.0)
     # Where hazard and u cancel, the series of Mills's ratio does not.
-    s = 1 / minimum(u, -1.0) ** 2
+    below = minimum(u, -1.0)
+    s = 1 / (below * below)
     less = s * (1 - 3 * s * (1 - 5 * s * (1 - 7 * s * (1 - 9 * s))))
     share = choose(u <= ASYMPTOTIC, less / s / ((1 - less) * (1 - less)), share)
     return log_ndtr(u), sign * over * precision, share * precision * precision

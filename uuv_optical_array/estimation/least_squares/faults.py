@@ -7,9 +7,12 @@ D. Rubin, 1977, J. R. Stat. Soc. B 39, 1). From afar all residuals are large, so
 for larger at first, and cools (A. Blake and A. Zisserman, *Visual Reconstruction*, 1987).
 """
 
+from typing import Any
+
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.numerics.elementwise import partition
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     Problem,
@@ -18,7 +21,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     refine,
     start_at,
 )
-from uuv_optical_array.estimation.least_squares.starts import Guide
+from uuv_optical_array.estimation.least_squares.starts import Guide, least_of, roots_of
 from uuv_optical_array.forward.optics import ReadingNoise, reading_variance
 
 FAULTY = 1e-2  # probability that a detector reads anything, in an image that does not fit
@@ -28,24 +31,21 @@ AT_LIMIT = 0.25  # and that it is then dark, or at full scale
 # of freedom are larger.
 DISBELIEVED, EACH_LAMP = 4.5, 1.25
 LIT_EACH = 6  # clearly lit detectors beside each that is not believed, or the rest fits anything
-STARTS = 8
+STARTS: Any = np.int64(8)  # of NumPy's kind, as Numba compiles anew for each literal
 COOLER = 0.25  # factor of the variance from turn to turn
-TURNS, STEPS = 12, 6  # of weights and fit, and steps of the latter
+TURNS = 12  # of weights and fit
+STEPS: Any = np.int64(6)  # of a fit
 SETTLED = 1e-2  # change of the weights from which they stay
-
-
-def lamps_of(problem: Problem) -> int:
-    """Return how many lamps an image is of."""
-    return problem.optics.lamps.shape[1]
 
 
 def most_faulty(problem: Problem) -> int:
     """Return how many detectors need not be believed; they may be the brightest."""
-    readings = np.sort(problem.readings.reshape(lamps_of(problem), -1).max(axis=0))
+    lamps = problem.optics.lamps.shape[1]
+    readings = np.sort(problem.readings.reshape(lamps, -1).max(axis=0))
     for count in range(len(readings) // (LIT_EACH + 1), 0, -1):
         others = readings[:-count]
         full = np.count_nonzero(others >= problem.noise.high)
-        if lit(problem._replace(readings=others)) + 2 * full >= LIT_EACH * count:
+        if lit(others, problem.noise) + 2 * full >= LIT_EACH * count:
             return count
     return 0
 
@@ -55,23 +55,21 @@ def grows(noise: ReadingNoise) -> bool:
     return noise.slope > 0 or noise.square > 0
 
 
-def write_squares(problem: Problem, light: Array, squares: Array) -> None:
+def write_squares(readings: Array, light: Array, noise: ReadingNoise, squares: Array) -> None:
     """Write by how many standard deviations detectors are off, squared, in all images."""
-    noise = problem.noise
-    squares.fill(0.0)
+    squares[:] = 0.0
     for j in range(len(light)):
-        off = problem.readings[j] - min(max(light[j], noise.low), noise.high)
+        off = readings[j] - min(max(light[j], noise.low), noise.high)
         squares[j % len(squares)] += off * off / reading_variance(light[j], noise)
 
 
-def weigh(problem: Problem, squares: Array, heat: float) -> tuple[float, float]:
+def weigh(squares: Array, heat: float, weights: Array) -> tuple[float, float]:
     """Write how far detectors are believed, by a variance `heat` times as large.
 
     - returned: largest change of a weight, and what the weights add to the cost of the readings.
     """
-    weights, detectors = problem.weights, len(squares)
-    doubted = DISBELIEVED + EACH_LAMP * (lamps_of(problem) - 1)
-    change, cost = 0.0, 0.0
+    detectors, change, cost = len(squares), 0.0, 0.0
+    doubted = DISBELIEVED + EACH_LAMP * (len(weights) // detectors - 1)
     for d in range(detectors):
         weight = 1 / (1 + np.exp(min(0.5 * squares[d] / heat - doubted, 500.0)))
         change = max(change, abs(weight - weights[d]))
@@ -82,13 +80,17 @@ def weigh(problem: Problem, squares: Array, heat: float) -> tuple[float, float]:
     return change, cost
 
 
-def log_faulty(problem: Problem, light: Array) -> float:
+def log_faulty(
+    readings: Array, light: Array, noise: ReadingNoise, weights: Array, lamps: int
+) -> float:
     """Return the logarithm of the probability of readings that are not believed, as faults."""
-    noise, log, faulty = problem.noise, 0.0, FAULTY ** (1 / lamps_of(problem))
-    full = min(noise.high, 2 * np.max(problem.readings) + 1)
+    log, faulty, brightest = 0.0, FAULTY ** (1 / lamps), 0.0
+    for reading in readings:
+        brightest = max(brightest, reading)
+    full = min(noise.high, 2 * brightest + 1)
     for j in range(len(light)):
-        doubt = 1 - problem.weights[j]
-        if noise.low < problem.readings[j] < noise.high:
+        doubt = 1 - weights[j]
+        if noise.low < readings[j] < noise.high:
             # The cost of readings leaves out what the variance adds where that does not grow.
             variance = 1.0 if grows(noise) else reading_variance(light[j], noise)
             log += doubt * (np.log(faulty / full) + 0.5 * np.log(2 * np.pi * variance))
@@ -99,15 +101,17 @@ def log_faulty(problem: Problem, light: Array) -> float:
 
 def write_unlike(guide: Guide, row: int, sight: Array, squares: Array) -> None:
     """Write how unlike an image and that of a pose are, by detectors that the guide has."""
-    squares.fill(0.0)
+    squares[:] = 0.0
     for j in range(len(guide.readings)):
-        place = j % len(squares)
-        squares[place] += (guide.roots[j, row] - sight[guide.readings[j]]) ** 2
+        off = guide.roots[j, row] - sight[guide.readings[j]]
+        squares[j % len(squares)] += off * off
 
 
 def heat_of(squares: Array) -> float:
     """Return the factor of the variance that makes most residuals usual ones."""
-    return max(np.sort(squares)[len(squares) // 2], 1.0)
+    ordered, middle = squares.copy(), len(squares) // 2
+    partition(ordered, middle)
+    return max(ordered[middle], 1.0)
 
 
 def fit_believed(problem: Problem, at: Array, squares: Array) -> tuple[float, Array]:
@@ -116,13 +120,14 @@ def fit_believed(problem: Problem, at: Array, squares: Array) -> tuple[float, Ar
     - squares: workspace, one for each detector.
     - returned: cost in all, and where that is.
     """
-    write_squares(problem, light_at(problem, at), squares)
+    readings, weights, noise = problem.readings, problem.weights, problem.noise
+    write_squares(readings, light_at(problem, at), noise, squares)
     heat, total = heat_of(squares), np.inf
     for _ in range(TURNS):
-        change, added = weigh(problem, squares, heat)
+        change, added = weigh(squares, heat, weights)
         state = refine(problem, at, STEPS)
         at, total = state.parts[AT].copy(), state.cost + added
-        write_squares(problem, light_at(problem, at), squares)
+        write_squares(readings, light_at(problem, at), noise, squares)
         if heat == 1 and change < SETTLED:
             break
         heat = max(min(COOLER * heat, heat_of(squares)), 1.0)
@@ -137,25 +142,31 @@ def disbelieve(problem: Problem, guide: Guide) -> tuple[Array, float]:
     - returned: where the fit is, and logarithm of the probability of what is not believed.
     """
     weights, readings, noise = problem.weights, problem.readings, problem.noise
-    detectors, sight = len(readings) // lamps_of(problem), np.sqrt(np.maximum(readings, 0.0))
+    lamps, sight = problem.optics.lamps.shape[1], roots_of(readings)
+    detectors = len(readings) // lamps
     seen, squares = np.empty(guide.side * guide.side), np.empty(detectors)
-    most, distances = max(detectors // (LIT_EACH + 1), 1), np.empty(guide.units.shape[1])
+    most, distances = max(detectors // (LIT_EACH + 1), 1), np.zeros(guide.units.shape[1])
+    believed = len(seen) - max(len(seen) // (LIT_EACH + 1), 1)
     for row in range(len(distances)):
         write_unlike(guide, row, sight, seen)
-        distances[row] = np.sort(seen)[: len(seen) - max(len(seen) // (LIT_EACH + 1), 1)].sum()
-    least, best = np.inf, np.ones_like(weights)
+        partition(seen, believed)
+        for j in range(believed):
+            distances[row] += seen[j]
+    rows, _ = least_of(distances, STARTS)
+    least, best = np.inf, weights.copy()
     at = start_at(problem, guide.poses[0])
-    for _ in range(STARTS):
-        row = int(np.argmin(distances))
-        distances[row] = np.inf
-        weights.fill(1.0)
+    for row in rows:
+        weights[:] = 1.0
         cost, there = fit_believed(problem, start_at(problem, guide.poses[row]), squares)
-        if cost < least and (weights[:detectors] < 0.5).sum() <= most:
+        doubted = 0
+        for d in range(detectors):
+            doubted += 1 if weights[d] < 0.5 else 0
+        if cost < least and doubted <= most:
             least, best, at = cost, weights.copy(), there
     light = light_at(problem, at)
     for j in range(len(weights)):
         weights[j] = best[j]
-    log = log_faulty(problem, light)
+    log = log_faulty(readings, light, noise, weights, lamps)
     for j in range(len(weights)):
         if weights[j] < 0.5:
             readings[j] = min(max(light[j], noise.low), noise.high)

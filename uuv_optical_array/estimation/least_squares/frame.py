@@ -175,11 +175,14 @@ def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> tuple[l
 
     Where the first starts lead to rivals or to a fit that noise can hardly explain, more follow.
     """
-    few, most = not guide.gaussian and lit(problem) < FEW_LIT, guide.units.shape[1]
+    few, most = (
+        not guide.gaussian and lit(problem.readings, problem.noise) < FEW_LIT,
+        guide.units.shape[1],
+    )
     rows, count, steps = nearest, guide.candidates, MOST_STEPS
     if few:
         count, steps = min(MOST_STARTS, most), FEW_STEPS
-        rows = rows_alike(problem, guide, unit, count)
+        rows = rows_alike(problem.readings, guide, unit, count)
     minima = [refine(problem, start_at(problem, guide.poses[rows[0]]), MOST_STEPS)]
     if not np.isfinite(minima[0].cost):
         minima.clear()
@@ -200,7 +203,7 @@ def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> tuple[l
         if score <= USUAL and not rivals(minima):
             return minima, score
         count = min(MORE * guide.candidates, most)
-        rows = rows_alike(problem, guide, unit, count)
+        rows = rows_alike(problem.readings, guide, unit, count)
         for i in range(1, count):
             descend(problem, minima, start_at(problem, guide.poses[rows[i]]), FEW_STEPS)
     found = minima[: FOLLOWED if few else guide.candidates]
@@ -242,7 +245,10 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
         if state.cost - minima[0].cost > RIVAL or not cholesky(factor):
             continue
         solve_lower(factor, weighed)
-        excess = 1 / DISTINCT**2 - 1 / max((weighed * weighed).sum(), 1e-9)
+        square = 0.0
+        for i in range(5):
+            square += weighed[i] * weighed[i]
+        excess = 1 / DISTINCT**2 - 1 / max(square, 1e-9)
         if excess > 0:
             wider = True
             for i in range(5):
@@ -263,18 +269,18 @@ def estimate_frame(given: Problem, to_start: Guide, way: int, place: Array) -> F
     problem, guide = borrowed(given), borrowed(to_start)
     if way == ONE_STEP:
         return one_step(problem, place, given.weights)
-    nothing: Any = np.full(5, np.nan)
-    covariance: Any = np.full((5, 5), np.nan)
-    at = np.full(5 + len(problem.nuisance_mean), np.nan)
-    coordinates: Any = np.full(5, np.nan)
+    unknown = np.full((5, 5 + len(problem.nuisance_mean)), np.nan)
+    nothing, covariance, at = unknown[0, :5].copy(), unknown[:, :5].copy(), unknown[0].copy()
+    coordinates: Any = nothing
     outcome, pose, evidence, linear, log_faulty = NO_START, nothing, -np.inf, -np.inf, 0.0
     runner_up, runner_up_score, wider = nothing, np.nan, False
     there: Any = at
     if way == DOUBTED:
         there, log_faulty = disbelieve(problem, guide)
-    unit = direction(problem, guide)
+    unit = direction(problem.readings, guide)
     nearest, chords = nearest_rows(guide.units, unit, max(guide.candidates, 2))
-    angle, second_angle = 2 * np.arcsin(np.minimum(0.5 * chords[:2], 1.0))
+    angle = 2 * np.arcsin(min(0.5 * chords[0], 1.0))
+    second_angle = 2 * np.arcsin(min(0.5 * chords[1], 1.0))
     if way == DOUBTED:
         minima, score = minimum_from(problem, there)
     else:
@@ -286,7 +292,7 @@ def estimate_frame(given: Problem, to_start: Guide, way: int, place: Array) -> F
         outcome = MISFIT
         if score <= guide.max_score:
             outcome = FITTED
-            moments, density = laplace(minima[0]), log_density(problem)
+            moments, density = laplace(minima[0]), log_density(problem.nuisance_precision)
             linear = moments.log_weight + density
             if not guide.gaussian:
                 moments = posterior_about(problem, minima)
@@ -325,7 +331,7 @@ def one_step(problem: Problem, at: Array, weights: Array) -> FrameResult:
     best, mean = there.copy(), np.empty(5)
     for i in range(5):
         best[i] = mean[i] = pose[i]
-    log_evidence = moments.log_weight + decrement + log_density(problem)
+    log_evidence = moments.log_weight + decrement + log_density(problem.nuisance_precision)
     return FrameResult(
         FITTED,
         mean,
@@ -344,9 +350,9 @@ def one_step(problem: Problem, at: Array, weights: Array) -> FrameResult:
     )
 
 
-def log_density(problem: Problem) -> float:
+def log_density(precision: Array) -> float:
     """Return the logarithm of the density of the nuisances' prior at its mean, without 2 pi."""
-    factor, log = problem.nuisance_precision.copy(), 0.0
+    factor, log = precision.copy(), 0.0
     cholesky(factor)
     for i in range(len(factor)):
         log += np.log(factor[i, i])

@@ -390,12 +390,12 @@ def laplace(state: State) -> PosteriorMoments:
     """Return the moments of a posterior by Laplace's approximation about a minimum."""
     parts = state.parts
     size = parts.shape[1]
-    factor = zeros(size, size, state.cost)
-    covariance = np.full((5, 5), np.nan)
+    factor, covariance = zeros(size, size, state.cost), np.empty((5, 5))
     for i in range(size):
         for j in range(i + 1):
             factor[i, j] = parts[INFORMATION + i, j]
     if not cholesky(factor):
+        covariance[:] = np.nan
         return PosteriorMoments(-np.inf, parts[POSE, :5].copy(), covariance, 0)
     # As of a lattice, whose sum is over the attitude.
     log_weight = state.log_volume - state.cost + LOG_2PI

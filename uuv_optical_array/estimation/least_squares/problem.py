@@ -129,13 +129,13 @@ def problem_of(
     )
 
 
-def lit(problem: Problem) -> int:
+def lit(readings: Array, noise: ReadingNoise) -> int:
     """Count the readings that are clearly lit, less those at full scale."""
-    clear, count = 3 * np.sqrt(problem.noise.variance), 0
-    for reading in problem.readings:
+    clear, count = 3 * np.sqrt(noise.variance), 0
+    for reading in readings:
         clear = max(clear, LIT_SHARE * reading)
-    for reading in problem.readings:
-        if reading >= problem.noise.high:
+    for reading in readings:
+        if reading >= noise.high:
             count -= 1
         elif reading > clear:
             count += 1
@@ -193,7 +193,11 @@ def evaluate(problem: Problem, at: Array) -> State:
     # A vehicle does not stand on its tail, and its body hides a lamp behind its array.
     x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
     possible = abs(pose[PITCH]) < STEEPEST and x > -0.5 * sqrt(x * x + y * y + z * z)
-    cost = -likelihood[0].sum() if possible else np.inf
+    cost = 0.0
+    for j in indices(n):
+        cost -= total(likelihood[0, j])
+    if not possible:
+        cost = np.inf
     parts = np.empty((INFORMATION + size, size))
     normal_equations(image, likelihood, problem.spans, parts)
     write_volume_slopes(frame, lamp, lamp_slopes, parts)
@@ -212,7 +216,7 @@ def evaluate(problem: Problem, at: Array) -> State:
             slope *= precision
             for s in range(5):
                 parts[INFORMATION + q, s] += slope * pose_slopes[i, s]
-    cost += nuisance_cost(problem, at)
+    cost += nuisance_cost(problem.nuisance_mean, problem.nuisance_precision, at)
     for i in range(5, size):
         pull = 0.0
         for j in range(5, size):
@@ -223,14 +227,13 @@ def evaluate(problem: Problem, at: Array) -> State:
     return State(cost, log_volume, parts)
 
 
-def nuisance_cost(problem: Problem, at: Array) -> float:
+def nuisance_cost(mean: Array, precision: Array, at: Array) -> float:
     """Return the negative logarithm of the nuisances' prior, without constants."""
     cost = 0.0
-    for i in range(len(problem.nuisance_mean)):
-        off = at[5 + i] - problem.nuisance_mean[i]
-        for j in range(len(problem.nuisance_mean)):
-            other = at[5 + j] - problem.nuisance_mean[j]
-            cost += 0.5 * off * problem.nuisance_precision[i, j] * other
+    for i in range(len(mean)):
+        off = at[5 + i] - mean[i]
+        for j in range(len(mean)):
+            cost += 0.5 * off * precision[i, j] * (at[5 + j] - mean[j])
     return cost
 
 
@@ -335,5 +338,5 @@ def misfit(problem: Problem, at: Array) -> float:
         squares += total(problem.weights[j] * (off * off / spread))
         mean += total(problem.weights[j] * square)
         variance += total(problem.weights[j] * around)
-    squares += nuisance_cost(problem, at) * 2
+    squares += 2 * nuisance_cost(problem.nuisance_mean, problem.nuisance_precision, at)
     return chi_square_score(squares, mean, variance)

@@ -7,7 +7,6 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import indices
-from uuv_optical_array.estimation.least_squares.problem import Problem
 from uuv_optical_array.estimation.least_squares.thinned import (
     kept_of,
     readings_of,
@@ -125,19 +124,21 @@ def light_of(optics: Optics, poses: Array) -> Array:
     return image[0]
 
 
-def direction(problem: Problem, guide: Guide) -> Array:
+def direction(readings: Array, guide: Guide) -> Array:
     """Return the direction of an image's signature, of length one, shape ``(6,)``."""
     # Worked out also where the caller has it: that is less than to hand it down.
-    readings, parameters = problem.readings[guide.readings], np.empty((5, 1))
-    count = guide.side * guide.side
+    count, parameters = guide.side * guide.side, np.empty((5, 1))
     column = np.zeros((count, 1))  # the images of all lamps together
-    for i in range(len(readings)):
-        column[i % count, 0] += readings[i]
+    for i in range(len(guide.readings)):
+        column[i % count, 0] += readings[guide.readings[i]]
     write_parameters(column, guide.side, guide.full_scale_counts, guide.subdetector, parameters)
     unit = guide.weights.copy()
     for i in range(5):
         unit[i] *= parameters[i, 0]
-    unit /= np.sqrt((unit * unit).sum())
+    length = 0.0
+    for i in range(len(unit)):
+        length += unit[i] * unit[i]
+    unit /= np.sqrt(length)
     return unit
 
 
@@ -148,23 +149,36 @@ def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
         for j in indices(len(squares)):
             off = units[k, j] - unit[k]
             squares[j] += off * off
-    rows, chords = np.zeros(count, dtype=np.int64), np.full(count, np.inf)
-    for row in range(len(squares)):
-        if squares[row] < chords[count - 1]:
-            place = count - 1
-            while place > 0 and chords[place - 1] > squares[row]:
-                chords[place], rows[place] = chords[place - 1], rows[place - 1]
-                place -= 1
-            chords[place], rows[place] = squares[row], row
-    return rows, np.sqrt(chords)
+    rows, nearest = least_of(squares, count)
+    return rows, np.sqrt(nearest)
 
 
-def rows_alike(problem: Problem, guide: Guide, unit: Array, count: int) -> Any:
+def least_of(values: Array, count: int) -> tuple[Any, Array]:
+    """Return the places of the least values, least first, and these; 0 and inf: there are fewer."""
+    places, least = np.zeros(count, dtype=np.int64), np.full(count, np.inf)
+    for i in range(len(values)):
+        if values[i] < least[count - 1]:
+            k = count - 1
+            while k > 0 and least[k - 1] > values[i]:
+                least[k], places[k] = least[k - 1], places[k - 1]
+                k -= 1
+            least[k], places[k] = values[i], i
+    return places, least
+
+
+def roots_of(readings: Array) -> Array:
+    """Return square roots of readings, whose noise is as large for all; 0 below darkness."""
+    roots = readings.copy()
+    for j in range(len(roots)):
+        roots[j] = np.sqrt(max(roots[j], 0.0))
+    return roots
+
+
+def rows_alike(readings: Array, guide: Guide, unit: Array, count: int) -> Any:
     """Return the rows of least chord, and between them those whose images are most alike."""
     rows, _ = nearest_rows(guide.units, unit, count)
     if guide.roots.shape[1] > 0:
-        roots = np.sqrt(np.maximum(problem.readings, 0.0))
-        alike, _ = nearest_rows(guide.roots, roots, count // 2)
+        alike, _ = nearest_rows(guide.roots, roots_of(readings), count // 2)
         for k in range(count - 1, 0, -1):
             rows[k] = alike[k // 2] if k % 2 == 1 else rows[k // 2]
     return rows

@@ -65,7 +65,8 @@ def frame_with(joint: Joint, at: Any) -> CoordinateFrame:
 
 def coordinates_of(joint: Joint, at: Any) -> Any:
     """Return the coordinates of pose and constants, shape ``(5 + q,)`` both."""
-    coordinates, own = at.copy(), from_pose(frame_with(joint, at), at, 0.0)
+    pose = at[0], at[1], at[2], at[3], at[4]
+    coordinates, own = at.copy(), from_pose(frame_with(joint, at), pose, 0.0)
     for i in range(5):
         coordinates[i] = own[i]
     if joint.power >= 0:

@@ -23,7 +23,7 @@ class TrackerSettings:
         float, Quantity("probability that a valid frame passes the gate", "", 0.5, 1)
     ] = 0.9999
     reacquire_frames: Annotated[
-        int, Quantity("outliers in a row that, if they agree, are the track", "", 2, 100)
+        int, Quantity("outliers in a row, the last of which begins the track anew", "", 2, 100)
     ] = 5
     reset_after_s: Annotated[
         float, Quantity("without a pose until the track starts anew", "s", 0.1, 60)

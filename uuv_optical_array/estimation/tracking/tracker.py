@@ -20,8 +20,8 @@ motion hardly explains is weighed as the first after a manoeuvre, or after a jum
 constants the prior's again, by its likelihood and the prior probability of either
 (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation with Applications to Tracking and
 Navigation*, 2001, ch. 11). Where commands explain it in neither way, the follower does not obey
-them. A frame beyond the gate is an outlier; outliers that agree with each other become the track,
-which then knows nothing of the constants.
+them. A frame beyond the gate is an outlier; after so many in a row the newest begins another track,
+which knows nothing of the constants.
 """
 
 import math
@@ -91,8 +91,8 @@ class _State:
     by_readings: bool  # whether any frame came with readings
     frames: int = 1
     distance: float = 0.0
-    rival: "_State | None" = None  # the track of the outliers since
-    outlier: float = 0.0  # distance of the newest frame of all, where that is one
+    outliers: int = 0  # in a row, since the newest frame in the track
+    outlier: float = 0.0  # distance of the newest of them
 
 
 _Entry = tuple[Measurement, _State]
@@ -318,24 +318,20 @@ class Tracker:
         return replace(state, corrected=Deferred(ranged))
 
     def _next(self, state: _State, frame: Measurement) -> _State:
-        """Return the state after a frame: in the track, in its rival, or in a new one."""
+        """Return the state after a frame: in the track, without it, or in a new one."""
         if frame.stamp_ns - state.taken_ns > self._reset_ns:
             return self._start(frame, state)
-        fused = self._fused(state, frame, (*SHARES,))
+        fused = self._fused(state, frame)
         if fused.distance <= self._gate:
             # Poses say only roughly what they share of the constants' errors: readings begin anew.
             return fused if fused.by_readings == state.by_readings else self._start(frame, state)
-        rival = self._fused(state.rival, frame) if state.rival else None
-        if rival is None or rival.distance > self._gate:
+        outliers = state.outliers + 1
+        if outliers >= self._settings.reacquire_frames:
             # What was learnt of the constants may be what is wrong, as where the lamp dims.
-            rival = self._start(frame, None)
-        if rival.frames >= self._settings.reacquire_frames:
-            return rival
-        return replace(state, rival=rival, outlier=fused.distance)
+            return self._start(frame, None)
+        return replace(state, outliers=outliers, outlier=fused.distance)
 
-    def _fused(
-        self, state: _State, frame: Measurement, events: tuple[Event, ...] = ("usual",)
-    ) -> _State:
+    def _fused(self, state: _State, frame: Measurement) -> _State:
         """Return the state with a frame by the likeliest motion that explains it, or the usual one.
 
         Commands are contradicted only where no motion that obeys them explains it.
@@ -343,7 +339,7 @@ class Tracker:
         usual = None
         for obeys in (True, False) if self._commanded(frame.stamp_ns) else (False,):
             best, least = None, math.inf
-            for event in events:
+            for event in SHARES:
                 # One that is wider and rarer is no likelier than a usual motion that fits.
                 if best and best.distance**2 <= -2 * math.log(SHARES[event]):
                     continue

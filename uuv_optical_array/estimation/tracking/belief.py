@@ -1,10 +1,15 @@
 """What a track believes: one Gaussian of pose, rate and all that frames have in common, the biases.
 
-These are the errors of the scene's unknown constants and the gain errors of the detectors, which
-hold for an hour; as large an error of each reading that holds for a second: what beam, response and
-converter are not, seen from one place; errors by which shades move a pose; and the error of ranges
-from elsewhere. All are Ornstein-Uhlenbeck processes in standard deviations of their prior, to which
-they return where nothing is seen of them. So the errors of linear images are forgotten, too.
+The biases are
+
+- the errors of the scene's unknown constants and the gain errors of the detectors, which hold for
+  an hour;
+- as large an error of each reading that holds for a second: what beam, response and converter are
+  not, seen from one place;
+- the error that ranges from elsewhere have in common.
+
+All are Ornstein-Uhlenbeck processes in standard deviations of their prior, to which they return
+where nothing is seen of them. So the errors of linear images are forgotten, too.
 
 Readings teach the biases only what holds whatever the pose (the projection on the null space of
 A. Mourikis and S. Roumeliotis, *IEEE ICRA* 2007), and then correct the pose for given uncertain
@@ -55,7 +60,7 @@ class BiasSpace:
 
     - constants, gains: places of the errors among those that are learnt, `learnt` in all.
     - stds: what one is of each, in its own unit, shape ``(learnt,)``.
-    - shades, range: places of the biases among all, `size` in all.
+    - range: place of the bias of ranges among all, `size` in all.
     - parts: the errors by the biases, shape ``(learnt, size)``.
     - blocks: gain errors of detectors by those that are learnt, shape ``(detectors, blocks)``.
     """
@@ -67,16 +72,14 @@ class BiasSpace:
         self.constants, self.gains = slice(0, q), slice(q, q + gains)
         self.learnt = n = q + gains
         self.stds = np.array([*c.stds, *gain_stds])
-        shades = 5 if c.unclear_lasts_s > 0 else 0
-        self.shades, self.range = slice(n + gains, n + gains + shades), n + gains + shades
+        self.range = n + gains
         self.size = self.range + 1
-        self.parts = np.hstack([np.eye(n), np.eye(n, gains, -q), np.zeros((n, shades + 1))])
+        self.parts = np.hstack([np.eye(n), np.eye(n, gains, -q), np.zeros((n, 1))])
         self.by_offsets = self.stds[:q, None] * self.parts[:q]
         by_block = np.tile(self.blocks * gain_stds, (c.lamps, 1))
         self._by_gains = by_block if gains else np.zeros((1, 0))
         self._shade_rest = c.shade_rest
-        times = [hold_s, PLACE_S, c.unclear_lasts_s, hold_s]
-        self._hold_s = np.repeat(times, [n, gains, shades, 1])
+        self._hold_s = np.repeat([hold_s, PLACE_S, hold_s], [n, gains, 1])
 
     def begun(self, mean: Array, covariance: Array) -> Belief:
         """Return a belief of this pose and rate and of biases as the prior has them."""

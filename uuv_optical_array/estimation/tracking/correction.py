@@ -32,19 +32,13 @@ from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import POSE
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordinates
-from uuv_optical_array.forward.prior import shade_doubt
 
-# A shaded pose has more variance than a clear one, by `shade_doubt`. This share of that by one lamp
-# is one error for as long as the shade lasts; the rest is white, so that the track follows.
-SHADE_SHARE = 0.9 / shade_doubt(1)
-# The white rest is alike in consecutive frames: this many count as one.
-CORRELATED_FRAMES = 7.0
-# Where a scene names no shades, uneven light may be anything, such as another lamp that crosses the
-# view, and its poses err by this many times what they would in a smooth shade.
-UNNAMED_DOUBT = 2.0
 # Where constants are not known, what makes poses without readings broad is mostly the constants and
 # the shape of their posterior, not noise, and that is the same in all frames.
 BROAD_SHARE = 0.75
+# The poses of unevenly lit frames err by more than they say, and alike for as long as that light
+# lasts: their variance counts so many times, and more where more frames come in that time.
+UNEVEN_DOUBT = 18.0
 # Place of the second linearisation, as a share of the correction: there the biases by noise and by
 # curvature are least in drives of 20 minutes through seas drawn from the prior.
 RELINEARISE_AT = 0.25
@@ -90,13 +84,13 @@ class Correction:
 
     def common_share(self, frame: Measurement) -> float:
         """Return the share of the variance of a frame's pose that all frames have in common."""
-        broad = self._constants.names and frame.shaded < 0.5
+        broad = self._constants.names and not frame.uneven
         return max(self._settings.common_share, BROAD_SHARE if broad else 0.0)
 
-    def correct(self, belief: Belief, frame: Measurement) -> Corrected:
-        """Return a belief corrected by a frame."""
+    def correct(self, belief: Belief, frame: Measurement, step_s: float) -> Corrected:
+        """Return a belief corrected by a frame, so long after the one before."""
         if frame.readings is None:
-            observation = self._of_pose(belief, frame)
+            observation = self._of_pose(belief, frame, step_s)
             corrected = Deferred(lambda: correct(belief, observation))
             weight = weigh(belief.covariance, observation)
             return Corrected(corrected, weight.distance, weight.cost)
@@ -111,33 +105,23 @@ class Correction:
             mean[POSE] = frame.readings.at[:5]
             # Linear at their best fit: far from it, as at the prior's constants, they mislead.
             as_fitted = frame._replace(relinearise=None)
-            return self.correct(belief._replace(mean=mean), as_fitted).belief()
-        root, by_biases = self._pose_errors(frame)
-        both = by_biases @ covariance[STATE:, STATE:]
-        mean[POSE] = frame.pose - by_biases @ mean[STATE:]
-        covariance[POSE, STATE:], covariance[STATE:, POSE] = -both, -both.T
-        covariance[POSE, POSE] = root @ root.T + both @ by_biases.T
+            return self._by_readings(belief._replace(mean=mean), as_fitted, frame.readings).belief()
+        root = self._white_root(frame, math.inf)
+        mean[POSE], covariance[POSE, POSE] = frame.pose, root @ root.T
         return belief._replace(mean=mean, covariance=covariance)
 
-    def _pose_errors(self, frame: Measurement) -> tuple[Array, Array]:
-        """Return the lower root of the white errors of a frame's pose, and others by the biases."""
-        shades = self._space.shades
-        root = frame.root * math.sqrt(1 - self.common_share(frame))
-        by_biases: Array = np.zeros((5, self._space.size))
-        if shades.stop > shades.start:
-            share = SHADE_SHARE * frame.shaded
-            white = (1 - share) * (1 + (CORRELATED_FRAMES - 1) * frame.shaded)
-            if not self._constants.names_shades:
-                root = (1 + (UNNAMED_DOUBT - 1) * frame.shaded) * root
-            by_biases[:, shades], root = math.sqrt(share) * root, math.sqrt(white) * root
-        return root, by_biases
-
-    def _of_pose(self, belief: Belief, frame: Measurement) -> Observation:
-        root, by_biases = self._pose_errors(frame)
-        slopes = np.hstack([np.eye(5, STATE), by_biases])
-        off = wrapped(frame.pose - belief.mean[POSE]) - by_biases @ belief.mean[STATE:]
+    def _of_pose(self, belief: Belief, frame: Measurement, step_s: float) -> Observation:
+        root = self._white_root(frame, step_s)
+        off, slopes = wrapped(frame.pose - belief.mean[POSE]), np.eye(5, len(belief.mean))
         white = solve_triangular(root, np.column_stack([off, slopes]), lower=True)
         return Observation(white[:, 0], white[:, 1:])
+
+    def _white_root(self, frame: Measurement, step_s: float) -> Array:
+        """Return the lower root of the covariance of the new errors of a frame's pose."""
+        variance = 1 - self.common_share(frame)
+        if frame.uneven:
+            variance *= max(UNEVEN_DOUBT, self._constants.unclear_lasts_s / step_s)
+        return math.sqrt(variance) * frame.root
 
     def _by_readings(
         self, belief: Belief, frame: Measurement, readings: LinearisedReadings

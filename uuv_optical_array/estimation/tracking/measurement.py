@@ -33,6 +33,11 @@ class Measurement(NamedTuple):
     relinearise: Relinearise | None
     shaded: float
 
+    @property
+    def uneven(self) -> bool:
+        """Whether the frame is more likely lit unevenly than as the scene says."""
+        return self.shaded > 0.5
+
 
 def checked_pose(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
     """Return copies of a pose, its yaw in [-pi, pi], and of the lower root of its covariance.

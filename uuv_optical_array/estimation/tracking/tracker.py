@@ -359,7 +359,8 @@ class Tracker:
         predicted = self._predicted(state, frame.stamp_ns, obeys, event)
         taken = frame.readings is not None or frame.shaded > 0.5 or not state.by_readings
         if taken:
-            corrected = self._correction.correct(predicted, frame)
+            step_s = (frame.stamp_ns - state.frame.stamp_ns) * 1e-9
+            corrected = self._correction.correct(predicted, frame, step_s)
         else:
             still = Deferred(lambda: predicted)
             corrected = Corrected(still, pose_distance(predicted, frame))

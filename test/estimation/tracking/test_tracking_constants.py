@@ -11,9 +11,11 @@ from scipy.linalg import block_diag, null_space, orth
 from tracks import NOISE, OPEN, START_NS, STATION, TENTH_NS, assert_same, motion
 
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
+from uuv_optical_array.estimation.tracking.filter import POSE_STD
+from uuv_optical_array.estimation.tracking.motion import RATE_STD
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
-from uuv_optical_array.estimation.tracking.tracker import POSE_STD, RATE_STD, Tracker
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.prior import ROLL
 

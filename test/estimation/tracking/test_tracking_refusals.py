@@ -19,10 +19,11 @@ from tracks import (
 )
 
 from uuv_optical_array.core.geometry import X, Y, Z
+from uuv_optical_array.estimation.tracking.filter import MANOEUVRE_STD
 from uuv_optical_array.estimation.tracking.motion import RATE_STD
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
-from uuv_optical_array.estimation.tracking.tracker import MANOEUVRE_STD, Tracker
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 
 pytestmark = pytest.mark.filterwarnings("error")
 

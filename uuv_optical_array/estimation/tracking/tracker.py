@@ -1,50 +1,36 @@
-"""One track through many frames: a Kalman filter of pose, rate and constants of the day.
+"""One track through many images: frames in, in whatever order, and the newest state of it out.
+
+The way of a frame:
+
+1. `Tracker.take` checks it (`measurement`) and puts it in its place by its stamp.
+2. From there on each frame is filtered in turn (`filter`): the belief of the frame before, one
+   Gaussian of pose, rate, and what all frames have in common (`belief`), is predicted by the motion
+   (`motion`), corrected by the readings (`correction`), and by ranges from elsewhere (`ranges`).
+3. `Tracker.track` reads the newest state off: pose, rate, what is known of the constants. It also
+   tests whether the scene explains the frames (`mismatch`, `change`), which changes no state.
 
 With the follower's commands the pose moves by them and by the rate, which is then the leader's;
-without, the rate is that of the whole relative motion (`motion`). Where commands begin or end, it
-starts from its prior. What all frames have in common is a part of the state (`belief`).
-
-A frame comes as a pose with its covariance, or with its readings, linearised (`correction`).
-
-- Of a pose alone, only the white part of the errors averages out. All frames share the error
-  ``common_share``, such as the bias of a grid, or more where images are not linear or constants are
-  unknown. The errors of a shaded frame vary as slowly as the shade.
-- Bare poses say only roughly what they share of the constants' errors: a track that began with
-  readings takes them only of shaded frames, and otherwise goes on for a while without; one of poses
-  begins anew with the first readings.
-- Readings also teach the constants and the detectors' gains, while the vehicles move.
-- A range from elsewhere corrects what a frame says (`ranges`).
-
-The rate changes at random, and rate or constants now and then at once: a frame that the usual
-motion hardly explains is weighed as the first after a manoeuvre, or after a jump that makes the
-constants the prior's again, by its likelihood and the prior probability of either
-(Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation with Applications to Tracking and
-Navigation*, 2001, ch. 11). Where commands explain it in neither way, the follower does not obey
-them. A frame beyond the gate is an outlier; after so many in a row the newest begins another track,
-which knows nothing of the constants.
+without, the rate is that of the whole relative motion. Where commands begin or end, it starts from
+its prior.
 """
 
 import math
 from bisect import bisect_left
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import Array, wrapped
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import STATE, Belief, BiasSpace
 from uuv_optical_array.estimation.tracking.change import SPAN_NS, Changes
-from uuv_optical_array.estimation.tracking.correction import (
-    Corrected,
-    Correction,
-    Deferred,
-    pose_distance,
-)
+from uuv_optical_array.estimation.tracking.correction import Deferred
+from uuv_optical_array.estimation.tracking.filter import FrameFilter, State
 from uuv_optical_array.estimation.tracking.measurement import (
     Measurement,
     Relinearise,
@@ -52,13 +38,7 @@ from uuv_optical_array.estimation.tracking.measurement import (
     checked_readings,
 )
 from uuv_optical_array.estimation.tracking.mismatch import Alarm
-from uuv_optical_array.estimation.tracking.motion import (
-    LONG_AGO_NS,
-    RATE_STD,
-    OwnMotion,
-    in_beacon,
-    walk_noise,
-)
+from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS, OwnMotion, in_beacon
 from uuv_optical_array.estimation.tracking.ranges import Ranges, Ranging, checked_range
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import (
@@ -66,36 +46,13 @@ from uuv_optical_array.estimation.tracking.track import (
     RATE,
     Learnt,
     Outlier,
-    OwnMotionIs,
     StampRefused,
     Track,
 )
 from uuv_optical_array.estimation.unknowns.constants import Constants, drift
 from uuv_optical_array.forward.prior import ROLL
 
-POSE_STD = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of an unknown pose
-# A manoeuvre changes the rate by so much from one frame to the next, m/s and rad/s.
-MANOEUVRE_STD = np.array([0.2, 0.2, 0.2, 0.3, 0.3])
-# What happens from a frame to the next, and in which share of frames; constants jump as where a
-# lamp is switched down.
-Event = Literal["usual", "manoeuvre", "jump"]
-SHARES: dict[Event, float] = {"usual": 1.0, "manoeuvre": 1e-2, "jump": 1e-4}
-
-
-@dataclass(frozen=True)
-class _State:
-    frame: Measurement  # the newest in the track
-    corrected: Deferred  # by that frame; without the common share
-    own_motion: OwnMotionIs  # where it is "told", the rate is that of the leader
-    taken_ns: int  # stamp of the newest frame that corrected anything
-    by_readings: bool  # whether any frame came with readings
-    frames: int = 1
-    distance: float = 0.0
-    outliers: int = 0  # in a row, since the newest frame in the track
-    outlier: float = 0.0  # distance of the newest of them
-
-
-_Entry = tuple[Measurement, _State]
+_Entry = tuple[Measurement, State]
 
 
 class Tracker:
@@ -105,27 +62,22 @@ class Tracker:
     """
 
     def __init__(self, settings: TrackerSettings, constants: Constants | None = None) -> None:
-        # Frames of the buffer and the last one before it, by stamp, each with the state after it.
+        # Frames of the buffer and the last one before it, by stamp, each with the state after it
+        # (the one before, with the outlier's distance, where the frame is an outlier).
         self._history: list[_Entry] = []
-        self._previous: _State | None = None  # the last state of the track before this one
+        self._previous: State | None = None  # the last state of the track before this one
         self._own_motion = OwnMotion()
         self._tested_ns = LONG_AGO_NS  # stamp of the newest frame that was tested for a mismatch
         self._settings, s = settings, settings
         self._constants = c = constants or Constants()
-        self._rate_walk = np.array(
-            [s.velocity_walk_m_per_s] * 3 + [math.radians(s.turn_walk_deg_per_s)] * 2
-        )
-        self._gate = math.sqrt(chdtri(5, 1 - s.gate_probability))
-        self._buffer_ns, self._reset_ns, self._command_ns = (
-            round(time_s * 1e9) for time_s in (s.buffer_s, s.reset_after_s, s.command_timeout_s)
-        )
-        self._ranges = Ranges(s)
+        self._buffer_ns, self._reset_ns = (round(t * 1e9) for t in (s.buffer_s, s.reset_after_s))
         self._space = BiasSpace(c, s.constants_hold_s)
-        self._changes = Changes(self._space, self._rate_walk)
-        self._alarm = Alarm(c, self._changes)
-        self._correction = Correction(self._space, c, s, self._gate)
+        self._filter = FrameFilter(s, c, self._space, self._own_motion)
+        self._ranges = Ranges(s)
         range_gate = math.sqrt(chdtri(1, 1 - s.gate_probability))
         self._ranging = Ranging(self._space, range_gate, s.reacquire_frames)
+        self._changes = Changes(self._space, self._filter.walk)
+        self._alarm = Alarm(c, self._changes)
 
     def command(self, stamp_ns: int, twist: ArrayLike) -> None:
         """Take the follower's own motion, which carries the pose on until the next command.
@@ -189,9 +141,8 @@ class Tracker:
             raise StampRefused(f"repeated stamp: {stamp_ns} ns is in the track already", newest_ns)
         history = self._replay(history, place, previous, frame)
         if distance := history[place][1].outlier:
-            raise Outlier(
-                f"outlier: {distance:.3g} standard deviations off, more than {self._gate:.3g}"
-            )
+            gate = self._filter.gate
+            raise Outlier(f"outlier: {distance:.3g} standard deviations off, more than {gate:.3g}")
         return _stamp(history[-1])
 
     def range(self, stamp_ns: int, range_m: float, std_m: float) -> None:
@@ -224,11 +175,10 @@ class Tracker:
         offsets = self._space.offsets(belief)
         known = stds * np.sqrt(errors.covariance.diagonal())
         learnt = map(Learnt, offsets.tolist(), known.tolist())
-        own_motion = self._own_motion_at(stamp_ns, newest)
+        obeys = newest.own_motion != "contradicted"
+        own_motion = self._filter.own_motion_at(stamp_ns, obeys)
         own = self._own_motion.twist(stamp_ns) if own_motion == "told" else np.zeros(5)
-        if newest.frame.readings is None:
-            root, share = newest.frame.root, self._correction.common_share(newest.frame)
-            joint[POSE, POSE] += share * (root @ root.T)
+        joint[POSE, POSE] += self._filter.common_covariance(newest.frame)
         if stamp_ns != self._tested_ns:
             self._test(stamp_ns, np.concatenate([mean[POSE], offsets]), newest.frame)
         return Track(
@@ -263,13 +213,13 @@ class Tracker:
         self._tested_ns, near = stamp_ns, None
         if frame.relinearise:
             way: Array = np.zeros(5)
-            if self._commanded(stamp_ns):
+            if self._filter.commanded(stamp_ns):
                 since_ns = min(max(self._changes.newest_ns, stamp_ns - SPAN_NS), stamp_ns)
                 way = in_beacon(at[POSE], self._own_motion.displacement(since_ns, stamp_ns))
             self._changes.add(stamp_ns, way, at[POSE], frame.relinearise)
             with suppress(ValueError):  # not finite there
                 near = checked_readings(frame.relinearise(at), self._constants)
-        self._alarm.add(stamp_ns, frame.shaded > 0.5, near)
+        self._alarm.add(stamp_ns, frame.uneven, near)
 
     def _turn(self, belief: Belief) -> Array | None:
         """Return the roll's covariance with the pose, and its variance, ``(6,)``, if it is one."""
@@ -280,13 +230,16 @@ class Tracker:
         return np.array([*column[POSE], by_roll @ column[STATE:]])
 
     def _replay(
-        self, history: list[_Entry], place: int, previous: _State | None, *frames: Measurement
+        self, history: list[_Entry], place: int, previous: State | None, *frames: Measurement
     ) -> list[_Entry]:
         """Return a history in which frames enter at a place, and keep what of it is not too old."""
         history, late = history[:place], history[place:]
         for frame in (*frames, *(entry[0] for entry in late)):
             before = history[-1][1] if history else None
-            state = self._next(before, frame) if before else self._start(frame, previous)
+            if before:
+                state = self._filter.next(before, frame)
+            else:
+                state = self._filter.begun(frame, previous)
             history.append((frame, self._ranged(state, frame, before)))
         newest_ns = _stamp(history[-1])
         oldest = bisect_left(history, newest_ns - self._buffer_ns, key=_stamp)
@@ -294,16 +247,13 @@ class Tracker:
         self._ranges.forget(newest_ns)
         return history
 
-    def _ranged(self, state: _State, frame: Measurement, before: _State | None) -> _State:
+    def _ranged(self, state: State, frame: Measurement, before: State | None) -> State:
         """Return the state after a frame with the ranges since the one before."""
         before_ns = None if before is None else before.frame.stamp_ns
         ranges = self._ranges.between(before_ns, frame.stamp_ns)
         if not ranges or state.frame is not frame:  # which is an outlier
             return state
-        common: Array = np.zeros((3, 3))
-        if frame.readings is None:
-            root, share = frame.root[:3], self._correction.common_share(frame)
-            common += share * (root @ root.T)
+        common = self._filter.common_covariance(frame)[:3, :3]
 
         def ranged() -> Belief:
             belief = state.corrected()
@@ -316,119 +266,6 @@ class Tracker:
             return belief
 
         return replace(state, corrected=Deferred(ranged))
-
-    def _next(self, state: _State, frame: Measurement) -> _State:
-        """Return the state after a frame: in the track, without it, or in a new one."""
-        if frame.stamp_ns - state.taken_ns > self._reset_ns:
-            return self._start(frame, state)
-        fused = self._fused(state, frame)
-        if fused.distance <= self._gate:
-            # Poses say only roughly what they share of the constants' errors: readings begin anew.
-            return fused if fused.by_readings == state.by_readings else self._start(frame, state)
-        outliers = state.outliers + 1
-        if outliers >= self._settings.reacquire_frames:
-            # What was learnt of the constants may be what is wrong, as where the lamp dims.
-            return self._start(frame, None)
-        return replace(state, outliers=outliers, outlier=fused.distance)
-
-    def _fused(self, state: _State, frame: Measurement) -> _State:
-        """Return the state with a frame by the likeliest motion that explains it, or the usual one.
-
-        Commands are contradicted only where no motion that obeys them explains it.
-        """
-        usual = None
-        for obeys in (True, False) if self._commanded(frame.stamp_ns) else (False,):
-            best, least = None, math.inf
-            for event in SHARES:
-                # One that is wider and rarer is no likelier than a usual motion that fits.
-                if best and best.distance**2 <= -2 * math.log(SHARES[event]):
-                    continue
-                fused, cost = self._fused_by(state, frame, obeys, event)
-                usual = usual or fused
-                if fused.distance <= self._gate and cost < least:
-                    best, least = fused, cost
-            if best:
-                return best
-        assert usual is not None
-        return usual
-
-    def _fused_by(
-        self, state: _State, frame: Measurement, obeys: bool, event: Event
-    ) -> tuple[_State, float]:
-        """Return the state with a frame by one motion, and twice its negative log-probability."""
-        predicted = self._predicted(state, frame.stamp_ns, obeys, event)
-        taken = frame.readings is not None or frame.shaded > 0.5 or not state.by_readings
-        if taken:
-            step_s = (frame.stamp_ns - state.frame.stamp_ns) * 1e-9
-            corrected = self._correction.correct(predicted, frame, step_s)
-        else:
-            still = Deferred(lambda: predicted)
-            corrected = Corrected(still, pose_distance(predicted, frame))
-        fused = _State(
-            frame,
-            corrected.belief,
-            self._own_motion_at(frame.stamp_ns, obeys=obeys),
-            frame.stamp_ns if taken else state.taken_ns,
-            state.by_readings or frame.readings is not None,
-            state.frames + taken,
-            corrected.distance,
-        )
-        return fused, corrected.cost - 2 * math.log(SHARES[event])
-
-    def _start(self, frame: Measurement, before: _State | None) -> _State:
-        """Return a new track, which keeps what the one before, if any, learnt of the constants."""
-        stamp_ns = frame.stamp_ns
-        begun = self._space.begun(np.zeros(STATE), np.diag(np.square([*POSE_STD, *RATE_STD])))
-        if before is not None:
-            belief = before.corrected()
-            belief = self._space.drifted(belief, (stamp_ns - before.frame.stamp_ns) * 1e-9)
-            begun.mean[STATE:] = belief.mean[STATE:]
-            begun.covariance[STATE:, STATE:] = belief.covariance[STATE:, STATE:]
-        own_motion = self._own_motion_at(stamp_ns, before)
-        corrected = Deferred(lambda: self._correction.begun(begun, frame))
-        return _State(frame, corrected, own_motion, stamp_ns, frame.readings is not None)
-
-    def _predicted(self, state: _State, stamp_ns: int, obeys: bool, event: Event) -> Belief:
-        """Return a belief at a later stamp, where the follower obeys its commands or does not."""
-        start_ns, before = state.frame.stamp_ns, state.corrected()
-        step_s = (stamp_ns - start_ns) * 1e-9
-        changes = [MANOEUVRE_STD] if event == "manoeuvre" else []
-        if obeys != (state.own_motion == "told"):  # it is another rate
-            changes.append(RATE_STD)
-        noise = [walk_noise(self._rate_walk, step_s)]
-        noise += [step_s * np.eye(10, 5) * std + np.eye(10, 5, -5) * std for std in changes]
-        belief = self._space.drifted(before, step_s)
-        if event == "jump":
-            belief = self._space.forgotten(belief)
-        mean, covariance = belief.mean, belief.covariance
-        mean[POSE] += step_s * mean[RATE]
-        covariance[POSE] += step_s * covariance[RATE]
-        covariance[:, POSE] += step_s * covariance[:, RATE]
-        root = np.hstack(noise)
-        covariance[:STATE, :STATE] += root @ root.T
-        # The attitude's error turns the own motion by so little that the random motion covers it.
-        if obeys:
-            own = self._own_motion.displacement(start_ns, stamp_ns)
-            mean[POSE] += in_beacon(before.mean[POSE], own)
-        wrapped(mean[POSE])
-        return belief
-
-    def _commanded(self, stamp_ns: int) -> bool:
-        """Say whether there is a command of a stamp that is not too old."""
-        return self._own_motion.age_ns(stamp_ns) <= self._command_ns
-
-    def _own_motion_at(
-        self, stamp_ns: int, before: _State | None = None, obeys: bool | None = None
-    ) -> OwnMotionIs:
-        """Say what is known of the own motion at a stamp.
-
-        Whether it obeys is what the frame of that stamp says, or the state before.
-        """
-        if not self._commanded(stamp_ns):
-            return "not told"
-        if obeys is None:
-            obeys = before is None or before.own_motion != "contradicted"
-        return "told" if obeys else "contradicted"
 
 
 def _stamp(entry: _Entry) -> int:

@@ -52,6 +52,7 @@ SHARES: dict[Event, float] = {"usual": 1.0, "manoeuvre": 1e-2, "jump": 1e-4}
 class State:
     """The track after a frame.
 
+    - newest: the newest frame of all, which may be an outlier.
     - frame: the newest in the track.
     - corrected: the belief corrected by that frame.
     - own_motion: whether the commands are obeyed; if "told", the rate is that of the leader.
@@ -59,9 +60,10 @@ class State:
     - by_readings: whether any frame came with readings.
     - frames: how many corrected it since it began.
     - distance: Mahalanobis distance of `frame` from its prediction.
-    - outliers, outlier: how many in a row came since `frame`; distance of the newest of them.
+    - outliers, outlier: how many in a row came since `frame`; distance of `newest`, if it is one.
     """
 
+    newest: Measurement
     frame: Measurement
     corrected: Deferred
     own_motion: OwnMotionIs
@@ -109,7 +111,7 @@ class FrameFilter:
         obeys = before is None or before.own_motion != "contradicted"
         corrected = Deferred(lambda: self._correction.begun(begun, frame))
         own_motion = self.own_motion_at(stamp_ns, obeys)
-        return State(frame, corrected, own_motion, stamp_ns, frame.readings is not None)
+        return State(frame, frame, corrected, own_motion, stamp_ns, frame.readings is not None)
 
     def next(self, state: State, frame: Measurement) -> State:
         """Return the state after a later frame: in the track, without it, or in a new one."""
@@ -122,7 +124,7 @@ class FrameFilter:
         if outliers >= self._settings.reacquire_frames:
             # What was learnt of the constants may be what is wrong, as where the lamp dims.
             return self.begun(frame, None)
-        return replace(state, outliers=outliers, outlier=fused.distance)
+        return replace(state, newest=frame, outliers=outliers, outlier=fused.distance)
 
     def common_covariance(self, frame: Measurement) -> Array:
         """Return the covariance of what a frame's pose errs as all frames do, ``(5, 5)``.
@@ -177,6 +179,7 @@ class FrameFilter:
             still = Deferred(lambda: predicted)
             corrected = Corrected(still, pose_distance(predicted, frame))
         fused = State(
+            frame,
             frame,
             corrected.belief,
             self.own_motion_at(frame.stamp_ns, obeys),

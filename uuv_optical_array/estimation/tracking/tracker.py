@@ -52,8 +52,6 @@ from uuv_optical_array.estimation.tracking.track import (
 from uuv_optical_array.estimation.unknowns.constants import Constants, drift
 from uuv_optical_array.forward.prior import ROLL
 
-_Entry = tuple[Measurement, State]
-
 
 class Tracker:
     """Filter frames in the order of their stamps, in whatever order they come.
@@ -62,9 +60,8 @@ class Tracker:
     """
 
     def __init__(self, settings: TrackerSettings, constants: Constants | None = None) -> None:
-        # Frames of the buffer and the last one before it, by stamp, each with the state after it
-        # (the one before, with the outlier's distance, where the frame is an outlier).
-        self._history: list[_Entry] = []
+        # By stamp the states after each frame of the buffer and after the last one before it.
+        self._history: list[State] = []
         self._previous: State | None = None  # the last state of the track before this one
         self._own_motion = OwnMotion()
         self._tested_ns = LONG_AGO_NS  # stamp of the newest frame that was tested for a mismatch
@@ -129,7 +126,7 @@ class Tracker:
         newest_ns = _stamp(history[-1]) if history else stamp_ns
         age_ns = newest_ns - stamp_ns
         if age_ns > self._buffer_ns + self._reset_ns:
-            history, previous = [], history[-1][1]
+            history, previous = [], history[-1]
         elif age_ns > self._buffer_ns:
             raise StampRefused(
                 f"late frame: {age_ns * 1e-9:.3f} s older than the newest, more than "
@@ -140,7 +137,7 @@ class Tracker:
         if history[place:] and _stamp(history[place]) == stamp_ns:
             raise StampRefused(f"repeated stamp: {stamp_ns} ns is in the track already", newest_ns)
         history = self._replay(history, place, previous, frame)
-        if distance := history[place][1].outlier:
+        if distance := history[place].outlier:
             gate = self._filter.gate
             raise Outlier(f"outlier: {distance:.3g} standard deviations off, more than {gate:.3g}")
         return _stamp(history[-1])
@@ -168,7 +165,7 @@ class Tracker:
         """Return the track at the newest frame in it; NoPose where there is none yet."""
         if not self._history:
             raise NoPose("no track: there is no frame yet")
-        newest = self._history[-1][1]
+        newest = self._history[-1]
         stamp_ns, belief = newest.frame.stamp_ns, newest.corrected()
         mean, joint = belief.mean[:STATE], belief.covariance[:STATE, :STATE].copy()
         errors, stds = self._space.errors(belief), self._space.stds
@@ -202,7 +199,7 @@ class Tracker:
         That is all that a track tells of an image: constants that it learnt may no longer hold, and
         poses of single images are not to err as the track does.
         """
-        c, state = self._constants, self._history[-1][1] if self._history else self._previous
+        c, state = self._constants, self._history[-1] if self._history else self._previous
         if state is None or not c.unclear_lasts_s:
             return c.uneven
         decay = float(drift(c.unclear_lasts_s, (stamp_ns - state.frame.stamp_ns) * 1e-9))
@@ -230,28 +227,28 @@ class Tracker:
         return np.array([*column[POSE], by_roll @ column[STATE:]])
 
     def _replay(
-        self, history: list[_Entry], place: int, previous: State | None, *frames: Measurement
-    ) -> list[_Entry]:
+        self, history: list[State], place: int, previous: State | None, *frames: Measurement
+    ) -> list[State]:
         """Return a history in which frames enter at a place, and keep what of it is not too old."""
         history, late = history[:place], history[place:]
-        for frame in (*frames, *(entry[0] for entry in late)):
-            before = history[-1][1] if history else None
+        for frame in (*frames, *(state.newest for state in late)):
+            before = history[-1] if history else None
             if before:
                 state = self._filter.next(before, frame)
             else:
                 state = self._filter.begun(frame, previous)
-            history.append((frame, self._ranged(state, frame, before)))
+            history.append(self._ranged(state, before))
         newest_ns = _stamp(history[-1])
         oldest = bisect_left(history, newest_ns - self._buffer_ns, key=_stamp)
         self._history, self._previous = history[max(oldest - 1, 0) :], previous
         self._ranges.forget(newest_ns)
         return history
 
-    def _ranged(self, state: State, frame: Measurement, before: State | None) -> State:
+    def _ranged(self, state: State, before: State | None) -> State:
         """Return the state after a frame with the ranges since the one before."""
-        before_ns = None if before is None else before.frame.stamp_ns
+        frame, before_ns = state.frame, None if before is None else before.frame.stamp_ns
         ranges = self._ranges.between(before_ns, frame.stamp_ns)
-        if not ranges or state.frame is not frame:  # which is an outlier
+        if not ranges or state.outliers:
             return state
         common = self._filter.common_covariance(frame)[:3, :3]
 
@@ -268,5 +265,5 @@ class Tracker:
         return replace(state, corrected=Deferred(ranged))
 
 
-def _stamp(entry: _Entry) -> int:
-    return entry[0].stamp_ns
+def _stamp(state: State) -> int:
+    return state.newest.stamp_ns

@@ -13,7 +13,7 @@ from uuv_optical_array.estimation.unknowns.constants import Constants
 SIDE, GAIN_STD, STDS = 3, 0.01, np.array([0.1, 5.0])
 CONSTANTS = Constants(("lamp.power", "ambient.level_counts"), tuple(STDS), GAIN_STD, SIDE**2)
 WALK = np.array([0.1, 0.1, 0.1, 0.03, 0.03])
-STDS_OF_CHANGES, ODDS = np.array([10.0, 4.0, 10.0]), np.array([1.0, 0.3, 0.02])
+STD, ODDS = 10.0, np.array([1.0, 0.3, 0.02])
 COUNT = SIDE**2
 # The power, the ambient level, and the second detector.
 DIRECTIONS = np.eye(2 + COUNT)[:, [0, 1, 3]]
@@ -56,7 +56,7 @@ class Sea:
             pose = self.expected[k] + self.ways[k] - self.ways[0]
             pose[4] = (pose[4] + np.pi) % (2 * np.pi) - np.pi
             changes.add(stamp_ns, way, pose, readings)
-        return changes.likeliest(DIRECTIONS, STDS_OF_CHANGES, ODDS)
+        return changes.likeliest(DIRECTIONS, STD, ODDS)
 
     def covariance(self):
         """Return the covariance of all readings without a change, state by state."""
@@ -91,11 +91,11 @@ def test_the_likeliest_change_is_that_of_gaussian_readings_with_its_size(seed, e
     plain, y = sea.covariance(), sea.y.ravel()
     unchanged, found = multivariate_normal.logpdf(y, cov=plain), {}
     for k in range(1, len(times_s)):
-        for i, (std, odds) in enumerate(zip(STDS_OF_CHANGES, ODDS, strict=True)):
+        for i, odds in enumerate(ODDS):
             slopes = (sea.by_biases @ DIRECTIONS[:, i]) * (np.arange(len(times_s)) >= k)[:, None]
-            wider = plain + std**2 * np.outer(slopes, slopes)
+            wider = plain + STD**2 * np.outer(slopes, slopes)
             evidence = multivariate_normal.logpdf(y, cov=wider) - unchanged + np.log(odds)
-            found[evidence] = i, std**2 * slopes.ravel() @ np.linalg.solve(wider, y)
+            found[evidence] = i, STD**2 * slopes.ravel() @ np.linalg.solve(wider, y)
     told = sea.told()
     likeliest, size = found[max(found)]
     assert told.error == likeliest
@@ -114,4 +114,4 @@ def test_after_a_gap_or_a_clock_set_back_frames_are_the_first():
         for stamp_ns in (10**18, 10**18 + 10**8, 10**18 + 2 * 10**8):
             changes.add(stamp_ns, np.zeros(5), np.zeros(5), readings)
         changes.add(stamp_ns + later_ns, np.zeros(5), np.zeros(5), readings)
-        assert changes.likeliest(DIRECTIONS, STDS_OF_CHANGES, ODDS) is None
+        assert changes.likeliest(DIRECTIONS, STD, ODDS) is None

@@ -11,7 +11,7 @@ IEEE Trans. Automatic Control 21, 108).
 
 All frames are linearised on one smooth way, at the scene's constants: the track's own place jumps
 with the change, and the light's curvature over that jump is as large as what tells lamp and water
-apart. The way is straight at first, then the likeliest. Sizes are of the first order.
+apart. The way is straight but for the own motion. Sizes are of the first order.
 
 Absorption and scattering take nearly the same light while the range hardly changes, as within
 seconds, and little of it as a dimmer lamp does: the more frequent change is named.
@@ -32,7 +32,6 @@ SPAN_NS, EVERY_NS = 3_500_000_000, 90_000_000  # of the frames kept; the least t
 FEWEST = 3  # for a way
 POSE_STD = np.repeat([2.0, 1.0], [3, 2])  # of the first pose about a straight way, m and rad
 ROUNDING = 3e-5  # of a pose given those before, m and rad
-PASSES = 2  # of linearising: on the straight way, and on the likeliest
 
 
 class Change(NamedTuple):
@@ -78,12 +77,12 @@ class Changes:
         while stamp_ns - self._frames[0][0] > SPAN_NS:
             self._frames.popleft()
 
-    def likeliest(self, directions: Array, stds: Array, odds: Array) -> Change | None:
+    def likeliest(self, directions: Array, std: float, odds: Array) -> Change | None:
         """Return the likeliest change; None if there are too few frames, or not finite ones.
 
         - directions: of what may have changed, in biases, constants before gains, shape
           ``(learnt or more, k)``.
-        - stds: of such changes, in standard deviations of the prior, shape ``(k,)``.
+        - std: of such changes, in standard deviations of the prior.
         - odds: that it changed in a frame, to that nothing did, shape ``(k,)``.
         """
         if len(self._frames) < FEWEST:
@@ -98,35 +97,30 @@ class Changes:
         spread = np.stack([np.full_like(early, 1.0), early * late, walked, np.eye(len(time_s))])
         by = np.square([POSE_STD, RATE_STD, self._walk, np.full(5, ROUNDING)])
         paths = np.tensordot(by.T, spread, 1)  # (5, t, t), one of each axis
-        roots, path = np.linalg.cholesky(paths), expected
-        for _ in range(PASSES):
-            places = np.pad(path, ((0, 0), (0, self._space.constants.stop)))
-            try:
-                readings = [each(place) for each, place in zip(near, places, strict=True)]
-            except ValueError:
-                return None
-            stacked = LinearisedReadings(*map(np.array, zip(*readings, strict=True)))
-            y, by_pose, by_biases = self._space.whitened(stacked, stacked.slopes)
-            y = y + np.einsum("tna,ta->tn", by_pose, path - expected)
-            of_path = np.einsum("tna,ats->tnas", by_pose, roots).reshape(*y.shape, -1)
-            root = np.concatenate([by_biases, of_path], axis=2).reshape(y.size, -1)
-            # S = I + root root', and its inverse is I - basis basis'.
-            basis = np.linalg.qr(np.vstack([root, np.eye(root.shape[1])]))[0][: y.size]
-            basis = basis.reshape(*y.shape, -1)
-            white = y - basis @ np.einsum("tnb,tn->b", basis, y)
-            changed = by_biases @ directions[: self._space.learnt]
-            parts = (
-                np.einsum("tnk,tn->tk", changed, white),
-                np.square(changed).sum(axis=1),
-                basis.swapaxes(1, 2) @ changed,
-            )
-            # What began with a frame is in it and all later ones.
-            n, alone, shared = (np.cumsum(part[::-1], axis=0)[-2::-1] for part in parts)
-            wider = 1 + stds**2 * (alone - np.square(shared).sum(axis=1))
-            evidence = stds**2 * n**2 / wider / 2 - np.log(wider) / 2 + np.log(odds)
-            since, error = np.unravel_index(evidence.argmax(), evidence.shape)
-            size = float((stds**2 * n / wider)[since, error])
-            white[since + 1 :] -= size * changed[since + 1 :, :, error]
-            white += size * basis @ shared[since, :, error]
-            path = expected + np.einsum("ats,sna,sn->ta", paths, by_pose, white)
+        roots = np.linalg.cholesky(paths)
+        places = np.pad(expected, ((0, 0), (0, self._space.constants.stop)))
+        try:
+            readings = [each(place) for each, place in zip(near, places, strict=True)]
+        except ValueError:
+            return None
+        stacked = LinearisedReadings(*map(np.array, zip(*readings, strict=True)))
+        y, by_pose, by_biases = self._space.whitened(stacked, stacked.slopes)
+        of_path = np.einsum("tna,ats->tnas", by_pose, roots).reshape(*y.shape, -1)
+        root = np.concatenate([by_biases, of_path], axis=2).reshape(y.size, -1)
+        # S = I + root root', and its inverse is I - basis basis'.
+        basis = np.linalg.qr(np.vstack([root, np.eye(root.shape[1])]))[0][: y.size]
+        basis = basis.reshape(*y.shape, -1)
+        white = y - basis @ np.einsum("tnb,tn->b", basis, y)
+        changed = by_biases @ directions[: self._space.learnt]
+        parts = (
+            np.einsum("tnk,tn->tk", changed, white),
+            np.square(changed).sum(axis=1),
+            basis.swapaxes(1, 2) @ changed,
+        )
+        # What began with a frame is in it and all later ones.
+        n, alone, shared = (np.cumsum(part[::-1], axis=0)[-2::-1] for part in parts)
+        wider = 1 + std**2 * (alone - np.square(shared).sum(axis=1))
+        evidence = std**2 * n**2 / wider / 2 - np.log(wider) / 2 + np.log(odds)
+        since, error = np.unravel_index(evidence.argmax(), evidence.shape)
+        size = float((std**2 * n / wider)[since, error])
         return Change(int(error), size, float(evidence[since, error]))

@@ -27,7 +27,7 @@ from uuv_optical_array.estimation.information.linearised import LinearisedReadin
 from uuv_optical_array.estimation.tracking.belief import MOST_BLOCKS
 from uuv_optical_array.estimation.tracking.change import Changes
 from uuv_optical_array.estimation.unknowns.constants import Constants
-from uuv_optical_array.forward.prior import DAYLIGHT, OWN_POWER, POWER, shade_modes
+from uuv_optical_array.forward.prior import OWN_POWER, POWER, shade_modes
 
 # Frames of a window are tested together with those of the one before, so often.
 WINDOW_S, CHECK_S = 30.0, 2.0
@@ -35,9 +35,9 @@ CHANCE = 1e-5  # that frames of the scene are taken for others, at each test
 # The light is uneven where that share of the time with frames is, that fades as long as a window,
 # or of 3 s or more since the first frame.
 MOST, LEAST = 2 / 3, 1 - math.exp(-3 / WINDOW_S)
-# Of changes at once: standard deviations of the prior of those of light and detectors, and of those
-# of water and optics; how often others than lamps change, all detectors as often as one constant.
-SUDDEN, SLOW, RARELY = 10.0, 2.0, 0.02
+# Of changes at once: their standard deviation in those of the prior; how often others than lamps
+# change, all detectors as often as one constant.
+SUDDEN, RARELY = 10.0, 0.02
 LEAST_GAIN = 1e-3  # error of a detector that linearising may leave
 NEGLIGIBLE = 1e-9  # of the largest information, below which rounding is all there is
 EVENNESS = "the evenness of the light"
@@ -86,8 +86,6 @@ class Alarm:
         size = patterns.shape[1] + 1
         self._units = np.array([*constants.stds, *[gain] * patterns.shape[1], 1.0])
         lamps = np.array([name.endswith(f".{OWN_POWER}") for name in self._names])
-        slow = (np.arange(q + size) < q) & ~lamps & ~np.isin(self._names, DAYLIGHT)
-        self._sizes = np.where(slow, SLOW, SUDDEN)
         self._odds = np.where(lamps, 1.0, np.repeat([RARELY, RARELY / count], [q, size]))
 
     def add(self, stamp_ns: int, uneven: bool, readings: LinearisedReadings | None = None) -> None:
@@ -173,7 +171,7 @@ class Alarm:
         """Return what changed at once, where that is as certain."""
         best = None
         if self._changes:
-            best = self._changes.likeliest(self._directions, self._sizes, self._odds)
+            best = self._changes.likeliest(self._directions, SUDDEN, self._odds)
         if best is None or best.evidence < -math.log(CHANCE):
             return ""
         size = best.size * self._units[best.error]

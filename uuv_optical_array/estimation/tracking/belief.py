@@ -149,9 +149,10 @@ def _blocks(side: int) -> Array:
 
 
 class Observation(NamedTuple):
-    """Numbers with white noise of variance 1: less what was expected, ``(n,)``, and their slopes.
+    """What is observed, ``y = H x + noise`` of variance 1.
 
-    - slopes: by pose, rate and biases, shape ``(n, 10 + k)``.
+    - innovation: ``y - H x`` at the mean, shape ``(n,)``.
+    - slopes: ``H``, by pose, rate and biases, shape ``(n, 10 + k)``.
     """
 
     innovation: Array
@@ -171,13 +172,18 @@ class Weight(NamedTuple):
     shift: Array
 
 
-def weigh(covariance: Array, observation: Observation) -> Weight:
-    """Return how an observation is weighed by a belief of a covariance."""
-    innovation, slopes = observation
+def _expected(covariance: Array, slopes: Array) -> tuple[Array, Array]:
+    """Return ``P H'`` and the lower root of the innovation's covariance ``H P H' + I``."""
     cross = covariance @ slopes.T
     spread = slopes @ cross
     spread.flat[:: len(spread) + 1] += 1.0
-    root = lapack.dpotrf(spread, lower=1)[0]
+    return cross, lapack.dpotrf(spread, lower=1)[0]
+
+
+def weigh(covariance: Array, observation: Observation) -> Weight:
+    """Return distance, density and Kalman's correction by an observation of a belief."""
+    innovation, slopes = observation
+    cross, root = _expected(covariance, slopes)
     white, _ = lapack.dtrtrs(root, innovation, lower=1)
     square, back = float(white @ white), lapack.dtrtrs(root, white, lower=1, trans=1)[0]
     cost = square + 2 * float(np.log(root.diagonal()).sum())
@@ -185,16 +191,17 @@ def weigh(covariance: Array, observation: Observation) -> Weight:
 
 
 def correct(belief: Belief, observation: Observation, teach: bool = True) -> Belief:
-    """Return a belief corrected by an observation, which teaches the biases or not."""
+    """Return a belief after Kalman's update by an observation, or Schmidt's if it is not to teach.
+
+    Kalman's is ``x + K (y - H x)``, ``P - K H P`` with the gain ``K = P H' (H P H' + I)^-1``. In
+    Schmidt's the gain of the biases is 0.
+    """
     mean, covariance = belief.mean, belief.covariance
     innovation, slopes = observation
-    cross = covariance @ slopes.T
-    spread = slopes @ cross
-    spread.flat[:: len(spread) + 1] += 1.0
-    root = lapack.dpotrf(spread, lower=1)[0]
+    cross, root = _expected(covariance, slopes)
     white = lapack.dtrtrs(root, np.column_stack([innovation, cross.T]), lower=1)[0]
     shift, less = white[:, 0] @ white[:, 1:], white[:, 1:].T @ white[:, 1:]
-    if not teach:  # the gain of the biases is 0: theirs is what pose and rate do not correct
+    if not teach:
         shift[STATE:] = less[STATE:, STATE:] = 0.0
     corrected = covariance - less
     corrected.flat[:: len(mean) + 1] += ROUNDING * covariance.diagonal()

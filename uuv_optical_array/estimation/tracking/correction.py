@@ -5,6 +5,9 @@ linearised once more on the way from the predicted pose to the corrected one (`R
 Slopes at its end have the noise of the readings that they weigh, those at its beginning leave out
 the curvature of the light: either biases what is learnt, the same in each frame. That way is the
 one of the five numbers that depend on the pose.
+
+A pose without readings is an observation of the pose itself. Its errors are noise, but for a share
+that all frames have in common, which stays out of the belief; those of uneven light count for more.
 """
 
 import math
@@ -111,6 +114,7 @@ class Correction:
         return belief._replace(mean=mean, covariance=covariance)
 
     def _of_pose(self, belief: Belief, frame: Measurement, step_s: float) -> Observation:
+        """Return what a frame's pose says."""
         root = self._white_root(frame, step_s)
         off, slopes = wrapped(frame.pose - belief.mean[POSE]), np.eye(5, len(belief.mean))
         white = solve_triangular(root, np.column_stack([off, slopes]), lower=True)
@@ -126,6 +130,7 @@ class Correction:
     def _by_readings(
         self, belief: Belief, frame: Measurement, readings: LinearisedReadings
     ) -> Corrected:
+        """Weigh a frame by its readings; the belief that they correct is left for later."""
         before, coordinates = self._straight(belief), self._coordinates
         expected, constants = before.mean[POSE], self._space.offsets(belief)
 
@@ -145,7 +150,9 @@ class Correction:
             # A frame beyond the gate is not of this track, wherever it is linearised.
             if frame.relinearise and distance <= self._gate:
                 at = np.concatenate([expected + RELINEARISE_AT * shift[POSE], constants])
-                used = observation_of(self._readings_at(frame, coordinates.place(at)[0]))
+                with suppress(ValueError):  # not finite there
+                    near = frame.relinearise(coordinates.place(at)[0])
+                    used = observation_of(checked_readings(near, self._constants))
             return self._curved(learn(before, used))
 
         return Corrected(Deferred(finished), distance, cost)
@@ -168,14 +175,6 @@ class Correction:
         none = np.zeros((len(innovation), 5))
         by_biases = of_errors[:, 5:] @ space.parts
         return Observation(innovation, np.hstack([of_errors[:, :5], none, by_biases]))
-
-    def _readings_at(self, frame: Measurement, at: Array) -> LinearisedReadings:
-        """Return readings linearised at pose and constants, or where that is not finite, as is."""
-        assert frame.readings is not None
-        if frame.relinearise:
-            with suppress(ValueError):
-                return checked_readings(frame.relinearise(at), self._constants)
-        return frame.readings
 
     def _straight(self, belief: Belief) -> Belief:
         """Return a belief with the pose in straight coordinates."""

@@ -94,6 +94,7 @@ VALUES = (
         "brightest detector (near 0: dim), and share of those at full scale",
     ),
     ("`range_m`", "simulator, formation", "distance behind the lamp, m"),
+    ("`sea`", "simulator", "by what the sea differs from the scene"),
     (
         "`method`, `fit`",
         "estimator",

@@ -58,7 +58,7 @@ def nodes(context):
     for name in ("scene", "frame_prefix", "leader_frame", "others", "leader_path"):
         if given(name):
             arguments[name] = ParameterValue(given(name), value_type=str)
-    for name in ("use_sim_time", "use_leader_odometry"):
+    for name in ("use_sim_time", "use_leader_odometry", "draw_sea"):
         if given(name):
             arguments[name] = switched_on(name)
     if given("publish_tf"):

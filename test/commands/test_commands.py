@@ -50,6 +50,7 @@ def test_follow_ends_by_itself_with_a_summary_a_picture_and_a_bag(tmp_path):
     record = ("--record", bag) if importlib.util.find_spec("rosbags") else ()
     with follow("--duration", "4", "--seed", "1", "--output", picture, *record) as process:
         out, _ = ended(process)
+    assert re.search(r"^sea: drawn from the prior of scene follow, seed 1: lamp.power x", out, re.M)
     poses, images = map(int, re.search(r"(\d+) poses from (\d+) images", out).groups())
     assert 0 < poses <= images
     line = re.search("^estimate RMS.*", out, re.MULTILINE)[0]
@@ -71,8 +72,9 @@ def test_follow_that_never_sees_light_says_that_the_leader_was_lost(tmp_path):
     dark = tmp_path / "dark.yaml"
     dark.write_text("/**: {ros__parameters: {min_peak_counts: 60000.0}}\n", "utf-8")
     words = ("--duration", "2", "--params-file", dark, "--output", tmp_path / "x.png")
-    with follow(*words, start_s=2.0) as process:
+    with follow(*words, "--seed", "3", "--exact-sea", start_s=2.0) as process:
         out, _ = ended(process, 1)
+    assert "sea: exactly that of scene follow, seed 3" in out.splitlines()
     assert "lost the leader: not one pose was estimated" in out
     assert "0 poses" in out
     assert not (tmp_path / "x.png").exists()

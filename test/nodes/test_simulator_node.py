@@ -8,11 +8,15 @@ from conftest import write_scene
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from odometries import time_of
+from rclpy.parameter import Parameter
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image, Range
 from simulated_seas import ABREAST, BEACON, BEHIND, SEED, Sea, odometry
 
+from uuv_optical_array.forward.aim import apparent
+from uuv_optical_array.forward.drawn_sea import draw_sea
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.prior import power_offsets
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 
@@ -70,9 +74,9 @@ def test_an_image_is_what_the_core_exposes_at_the_pose_and_time_of_its_stamp_wit
         np.testing.assert_array_equal(sea.image(seconds), expected)
         np.testing.assert_allclose(handed_over[seconds], pose, atol=1e-9)
     status = sea.lab.report(sea.node, OK, "answered")
-    values = {pair.key: float(pair.value) for pair in status.values}
-    assert values["refused"] == 0
-    assert 4 <= values["range_m"] <= 6
+    values = {pair.key: pair.value for pair in status.values}
+    assert values["refused"] == "0"
+    assert 4 <= float(values["range_m"]) <= 6
 
 
 def test_followers_that_come_before_their_leader_wait_for_it(sea):
@@ -192,6 +196,42 @@ def test_a_lamp_is_switched_off_and_on_again_while_the_node_runs(lab):
     np.testing.assert_allclose(images[1][2] - black, (expected[1][2] - black) / 2, atol=10)
     with pytest.raises(ValueError, match="lamp_power: 2 values; give 1, or 3, one for each lamp"):
         sea.node.on_change({"lamp_power": [1.0, 0.0]})
+
+
+@pytest.mark.parametrize("name", ["follow", "leading_lights"])
+def test_the_sea_is_drawn_from_the_prior_by_the_seed_and_said(lab, name):
+    sea, scene = Sea(lab, name, draw_sea=True), load_scene(name)
+    model, noise = ForwardModel(scene), np.random.default_rng(SEED)
+    drawn = draw_sea(scene, np.random.default_rng((SEED, 1)))
+    pose, roll = seen(ABREAST, BEHIND)
+    (aimed,) = apparent(scene, pose[None], drawn.aims[None])
+    assert not sea.node.set_parameters([Parameter("draw_sea", value=False)])[0].successful
+    for seconds, power in ((1, 1.0), (2, 0.5)):
+        assert lab.set(sea.node, "lamp_power", [power]).successful
+        offsets = {key: np.array(value) for key, value in drawn.offsets.items()}
+        for key, offset in power_offsets([power], scene.lamp_count).items():
+            offsets[key] = offsets[key] + offset
+        light = model.with_gains(model.light(aimed, roll, offsets, float(seconds)), drawn.gains)
+        np.testing.assert_array_equal(sea.look(seconds), model.read(light, noise))
+    values = {pair.key: pair.value for pair in lab.report(sea.node, OK).values}
+    head = f"drawn from the prior of scene {name}, seed {SEED}: "
+    assert values["sea"] == head + drawn.in_words(scene)
+
+
+def test_a_sea_that_is_the_scenes_is_said_to_be_so(lab):
+    sea = Sea(lab, "follow")
+    sea.look(1)
+    values = {pair.key: pair.value for pair in lab.report(sea.node, OK).values}
+    assert values["sea"] == f"exactly that of scene follow, seed {SEED}"
+
+
+def test_without_a_seed_the_sea_is_another_at_each_start(lab):
+    lab.begin({"scene": "follow"})
+    nodes = [SimulatorNode() for _ in range(2)]
+    lab.nodes += nodes
+    one, other = (node.sea_in_words for node in nodes)
+    assert one.startswith("drawn from the prior of scene follow, seed ")
+    assert one != other
 
 
 def test_ranges_are_distances_from_lamp_to_base_link_with_noise_at_their_rate_while_wanted(lab):

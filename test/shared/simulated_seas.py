@@ -20,11 +20,12 @@ def odometry(seconds, place, child="rov/base_link", frame="odom"):
 
 
 class Sea:
-    """Publishes the odometry of both vehicles and collects the images."""
+    """Publishes the odometry of both vehicles and collects the images, of the scene exactly."""
 
     def __init__(self, lab, scene_file, **parameters):
         self.lab = lab
-        given = {"seed": SEED, "beacon_position_m": BEACON, **parameters}
+        exact = {"seed": SEED, "beacon_position_m": BEACON, "draw_sea": False}
+        given = exact | parameters
         named = {f"simulator_node:{name}": value for name, value in given.items()}
         lab.begin({"scene": scene_file, **named})
         self.node = lab.start(SimulatorNode)

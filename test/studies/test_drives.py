@@ -5,11 +5,13 @@ import functools
 import command_line
 import numpy as np
 import pytest
-from blind import Blind
 from command_line import json_of, text_of
+from scenes import changed
 
-from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies import drives
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.forward.drawn_sea import draw_sea
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.studies.drives import LAST_S, Drive, course, drive, figures, report
 from uuv_optical_array.studies.shared.errors import FrameErrors
 
@@ -49,24 +51,31 @@ def test_figures_are_those_of_planted_errors():
     assert found["range_ratio"] == pytest.approx(np.sqrt(2.5) / 3)
 
 
-def test_a_sea_is_one_draw_of_the_prior_and_stays(monkeypatch):
-    seas, model = [], drives.ForwardModel
+class Onlooker(Estimator):
+    """An estimator that keeps the images it is given, and knows no pose."""
 
-    class Watched(model):
-        def light(self, pose, roll, offsets):
-            seas.append({name: float(off) for name, off in offsets.items()})
-            return super().light(pose, roll, offsets)
+    def __init__(self, scene):
+        super().__init__(scene, compiled=False)
+        self.images = []
 
-    scene = load_scene("follow")
-    monkeypatch.setattr(drives, "ForwardModel", Watched)
-    monkeypatch.setattr(drives, "Pipeline", lambda estimator: estimator)
-    for i in range(200):
-        found = drive(Blind(scene), LAST_S, 0.2, np.random.default_rng(i))
-        assert not found.tracks.posed.any()
-        assert seas[-1] == seas[-2]
-    stds = scene.prior.nuisance_std()
-    drawn = [list(sea.values()) for sea in seas[::2]]
-    assert np.std(drawn, axis=0) == pytest.approx(list(stds.values()), rel=4 / np.sqrt(2 * 200))
+    def estimate(self, image, *rest, **options):
+        self.images.append(image)
+        raise NoPose("it only looks")
+
+
+def test_a_sea_is_one_draw_of_the_prior_and_stays():
+    # What a brighter lamp does is the same at each pose, and here nothing else differs.
+    scene = changed("ideal", prior={"known": "exactly", "lamp_power_std": 0.3})
+    count, model = 6, ForwardModel(scene)
+    for seed in range(5):
+        onlooker = Onlooker(scene)
+        drive(onlooker, LAST_S, count / LAST_S, np.random.default_rng(seed))
+        rng = np.random.default_rng(seed)
+        power = np.exp(draw_sea(scene, rng).offsets["lamp.power"])
+        poses = course(np.arange(count) * LAST_S / count, LAST_S, rng)
+        assert abs(power - 1) > 0.01
+        # Each image is asked for twice: for the track, and by itself.
+        np.testing.assert_allclose(onlooker.images[::2], power * model.light(poses), rtol=1e-9)
 
 
 def test_the_command_prints_the_same_figures_as_text_and_as_json():

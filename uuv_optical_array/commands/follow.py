@@ -4,12 +4,14 @@ A leader waits until its follower sees it, and once on a machine until the fit i
 runs straight, turns, and changes depth, and the follower keeps station behind it by the light of
 the leader's lamp alone. Simulator, feature, estimator, formation and vehicles node run in this one
 process, on real ROS 2 topics, with the parameters of follow.launch.py; who publishes leader/cmd_vel
-drives the leader. At the end a summary is printed and a picture is written. Several followers swim
-in a V, each with nodes of its own in a namespace, as in formation.launch.py, by default in the
-scene formation.
+drives the leader. The sea is drawn from the scene's prior: it differs from what the estimator
+believes as much as a sea may, and how is printed. At the end a summary is printed and a picture is
+written. Several followers swim in a V, each with nodes of its own in a namespace, as in
+formation.launch.py, by default in the scene formation.
 
   uuv_array follow                          60 s of the default scene
-  uuv_array follow --seed 1                 with the same noise each time
+  uuv_array follow --seed 1                 with the same sea and noise each time
+  uuv_array follow --exact-sea              in the sea that the scene describes, exactly
   uuv_array follow --leader-path zigzag     another path of the leader, or one of your own (CSV)
   uuv_array follow --scene sea.yaml         your own lamp, water and array
   uuv_array follow --record run             a bag for uuv_array estimate; needs the extra `bags`
@@ -42,7 +44,9 @@ from uuv_optical_array.plots.style import save
 from uuv_optical_array.recording.bag import BagWriter
 
 DURATION = Quantity("from the leader's start", "s", 1e-3, 1e6)
-SEED = Quantity("seed of the noise (default: the parameter file's, a new one)", "", -1, 2**31 - 1)
+SEED = Quantity(
+    "seed of sea and noise (default: the parameter file's, a new one)", "", -1, 2**31 - 1
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +56,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--leader-path", metavar="PATH", help=about)
     options.add_number(parser, "duration", DURATION, 60.0)
     options.add_number(parser, "seed", SEED, None, int)
+    about = "the sea is the scene's, in place of one drawn from its prior"
+    parser.add_argument("--exact-sea", action="store_true", help=about)
     options.add_number(parser, "followers", Quantity("how many followers", "", 1, MOST), 1)
     unchained = "the leader lights all, at most three"
     parser.add_argument("--no-chain", action="store_true", help=unchained)
@@ -102,6 +108,8 @@ def run(args: argparse.Namespace) -> int:
         ros_args += ["-p", f"leader_path:={args.leader_path}"]
     if args.seed is not None:
         ros_args += ["-p", f"simulator_node:seed:={args.seed}"]
+    if args.exact_sea:
+        ros_args += ["-p", "simulator_node:draw_sea:=false"]
     follow = needs("ros", "uuv_optical_array.nodes.bringup.demo").follow
     terminal = sys.stdout.isatty()  # a file would get each line that the next one overwrites
     writer = BagWriter(bag_folder) if bag_folder else nullcontext()
@@ -117,6 +125,7 @@ def run(args: argparse.Namespace) -> int:
     lost = []
     for number, record in enumerate(records, 1):
         name = f"follower {number}: " if fleet else ""
+        print(f"{name}sea: {record.sea}")
         print(f"{name}{record.summary()}")
         if reason := record.lost():
             lost.append(f"{name}{reason}")

@@ -21,6 +21,7 @@ class FollowRecord:
     - truth, estimates: relative poses of the follower, m and rad, shape ``(5,)`` each.
     - images: of the array, counts.
     - states: of the follower, ascending; the first may have begun before the start.
+    - sea: by what the sea differs from the scene, in words.
     """
 
     station_m: Place
@@ -30,6 +31,7 @@ class FollowRecord:
     estimates: dict[float, Array] = field(default_factory=dict)
     images: dict[float, Array] = field(default_factory=dict)
     states: list[State] = field(default_factory=list)
+    sea: str = ""
 
     def errors(self) -> tuple[Array, Array]:
         """Return the stamps, shape ``(m,)``, and estimate less truth there, shape ``(m, 5)``."""

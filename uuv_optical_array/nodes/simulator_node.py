@@ -1,4 +1,8 @@
-"""From the odometry of both vehicles, and of others, to the image of the detector array."""
+"""From the odometry of both vehicles, and of others, to the image of the detector array.
+
+The sea is drawn from the scene's prior, once at the start, so that it differs from what the
+estimator believes as much as the prior says that a sea may.
+"""
 
 from collections import deque
 from collections.abc import Callable
@@ -14,12 +18,14 @@ from sensor_msgs.msg import Image, Range
 from std_msgs.msg import Header
 
 from uuv_optical_array.control.trajectory import TooEarly, Trajectory
-from uuv_optical_array.core.geometry import Array, relative_pose
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, relative_pose, rotation_matrix
 from uuv_optical_array.core.messages import Refused, as_wired, odometry_pose, stamp_ns
 from uuv_optical_array.core.settings import Place, Quantity
 from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS
+from uuv_optical_array.forward.aim import apparent
+from uuv_optical_array.forward.drawn_sea import DrawnSea, draw_sea
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.others import Other, sight
+from uuv_optical_array.forward.others import Other, Sight, sight
 from uuv_optical_array.forward.prior import LAMP_POWER, power_offsets
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared import messages
@@ -44,13 +50,19 @@ PARAMETERS = {
     "range_rate_hz": Parameter(
         1.0, Quantity("simulated ranges a second, at most one an image", "Hz", 0.01, 1000)
     ),
+    "draw_sea": Parameter(
+        True,
+        Quantity("whether the sea is drawn from the scene's prior; else it is the scene's"),
+        True,
+    ),
     "seed": Parameter(
-        -1, Quantity("of the noise; -1: a new one at each start", "", -1, 2**31 - 1), True
+        -1, Quantity("of noise and sea; -1: a new one at each start", "", -1, 2**31 - 1), True
     ),
     "array_frame": Parameter(
         "", Quantity("of the image; empty: `array` beside the follower's base_link"), True
     ),
 }
+SEEDS = 2**31
 WAITING = 50  # follower poses kept until the leader's odometry catches up
 
 
@@ -76,7 +88,11 @@ class SimulatorNode(Node):
         self.on_change({"lamp_power": self.parameters["lamp_power"]})
         self.ranged_ns = LONG_AGO_NS  # stamp of the last range
         seed = self.parameters["seed"]
-        self.rng = np.random.default_rng(None if seed < 0 else seed)
+        if seed < 0:
+            seed = int(np.random.default_rng().integers(SEEDS))
+        self.rng = np.random.default_rng(seed)
+        self.sea = self.drawn_sea(seed)
+        self.get_logger().info(f"sea: {self.sea_in_words}")
         self.leader = Trajectory(self.parameters["max_gap_s"])
         self.leader_frame, self.axes = "", self.parameters["odometry_axes"]
         self.others = {
@@ -85,7 +101,7 @@ class SimulatorNode(Node):
         }
         self.waiting: deque[Odometry] = deque()
         self.order = messages.StampOrder()
-        self.diagnostics = Diagnostics(self)
+        self.diagnostics = Diagnostics(self, lambda: {"sea": self.sea_in_words})
         self.images = publish(self, Image, "array/image")
         self.ranges = publish(self, Range, "range")
         self.place = transform_publisher(self, self.parameters["publish_tf"], fixed=True)
@@ -94,6 +110,20 @@ class SimulatorNode(Node):
         subscribe(self, Odometry, "follower/odometry", self.on_follower)
         for other in self.others:
             subscribe(self, Odometry, other, partial(self.on_other, other))
+
+    def drawn_sea(self, seed: int) -> DrawnSea | None:
+        """Draw what differs from the scene, and put it in words; ``None``: nothing does."""
+        exact = f"exactly that of scene {self.scene.name}, seed {seed}"
+        self.sea_in_words = exact
+        if not self.parameters["draw_sea"]:
+            return None
+        # Apart from the noise, which is the same in either sea.
+        sea = draw_sea(self.scene, np.random.default_rng((seed, 1)))
+        if not (words := sea.in_words(self.scene)):
+            return None
+        where = f"drawn from the prior of scene {self.scene.name}, seed {seed}"
+        self.sea_in_words = f"{where}: {words}"
+        return sea
 
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over a parameter that was set while the node runs."""
@@ -161,7 +191,7 @@ class SimulatorNode(Node):
         position, quaternion = odometry_pose(follower, self.axes)
         rotation = Rotation.from_quat(quaternion).as_matrix()
         pose, _ = relative_pose(leader.beacon, leader_rotation, position, rotation)
-        seen = sight(self.model, (position, rotation), leader, others, self.powers, stamp * 1e-9)
+        seen = self.sight(position, rotation, leader, others, stamp * 1e-9)
         image = self.model.read(seen.light, self.rng, seen.beside)
         place, slash, _ = follower.child_frame_id.rpartition("/")
         frame = self.parameters.frame("array_frame") or f"{place}{slash}array"
@@ -174,6 +204,23 @@ class SimulatorNode(Node):
             self.hand_over(header, pose)
         shown = {"peak_counts": f"{image.max():g}", "range_m": f"{-pose[0]:.2f}"}
         self.diagnostics.answer(stamp, lambda: shown)
+
+    def sight(
+        self, position: Array, rotation: Array, leader: Other, others: list[Other], time_s: float
+    ) -> Sight:
+        """Return what the array sees from a place of the follower in the world, in this sea."""
+        sea, place, offsets = self.sea, (position, rotation), dict(self.powers)
+        if sea is None:
+            return sight(self.model, place, leader, others, offsets, time_s)
+        pose, roll = relative_pose(leader.beacon, leader.rotation, *place)
+        (aimed,) = apparent(self.scene, pose[None], sea.aims[None])
+        turned = rotation_matrix(aimed[PITCH], aimed[YAW], roll)
+        place = leader.beacon + leader.rotation @ aimed[:PITCH], leader.rotation @ turned
+        for name, offset in sea.offsets.items():
+            offsets[name] = offset + offsets.get(name, 0.0)
+        light, beside = sight(self.model, place, leader, others, offsets, time_s)
+        gains = np.concatenate([sea.gains] * self.scene.lamp_count)
+        return Sight(self.model.with_gains(light, sea.gains), gains * beside)
 
     def measure_range(self, range_m: float, follower: Odometry) -> None:
         """Publish the distance from lamp to base_link, with noise, where the next one is due."""

@@ -26,8 +26,8 @@ from uuv_optical_array.core.storage.formats import plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.aim import apparent
+from uuv_optical_array.forward.drawn_sea import draw_sea
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import ROLL
 from uuv_optical_array.forward.working_volume import HIGH, LOW
 from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors
 from uuv_optical_array.studies.shared.results import until_interrupted
@@ -60,18 +60,16 @@ def drive(
     """Drive once through a sea drawn from the scene's prior, with an estimator of the scene."""
     scene = estimator.scene
     model = ForwardModel(scene)
-    stds, side = scene.nuisance_std(), model.array.side
-    offsets = {name: np.array(std * rng.standard_normal()) for name, std in stds.items()}
-    roll, aims = offsets.pop(ROLL, 0.0), rng.standard_normal((1, 4))
-    gains = 1 + scene.prior.gain_std * rng.standard_normal((side, side))
+    sea = draw_sea(scene, rng)
     times_s = np.arange(round(duration_s * rate_hz)) / rate_hz
     poses = course(times_s, duration_s, rng)
     pipeline = Pipeline(estimator)
     nothing = np.full(5, np.nan), np.full((5, 5), np.nan)
     tracks, singles = [], []
     for time_s, pose in zip(times_s, poses, strict=True):
-        (seen,) = apparent(scene, pose[None], aims)
-        image = model.read(model.with_gains(model.light(seen, roll, offsets), gains), rng)
+        (seen,) = apparent(scene, pose[None], sea.aims[None])
+        light = model.light(seen, sea.roll, sea.offsets)
+        image = model.read(model.with_gains(light, sea.gains), rng)
         track = pipeline.answer(round((1 + time_s) * 1e9), image).track
         tracks.append(nothing if track is None else (track.pose, track.covariance))
         if time_s >= duration_s - LAST_S:

@@ -166,7 +166,7 @@ def options_of(follower: Follower, fleet: Sequence[Follower]) -> dict[str, Any]:
 def follower_nodes(leader: str, options: dict[str, Any]) -> tuple[RecorderNode, list[Node]]:
     """Return the recorder of a follower, as `RecorderNode`, and its nodes without the vehicle."""
     simulator, formation = SimulatorNode(**options), FormationNode(**options)
-    record = FollowRecord(tuple(formation.parameters["station_m"]))
+    record = FollowRecord(tuple(formation.parameters["station_m"]), sea=simulator.sea_in_words)
     recorder = RecorderNode(record, simulator.scene, leader, **options)
     simulator.hand_over = partial(recorder.add, record.truth)
     nodes = [formation, recorder, simulator, FeatureNode(**options), EstimatorNode(**options)]

@@ -15,6 +15,7 @@ LEADER_PATH = "", "that the demo leader swims: a ready path's name or a CSV file
 COMMON = {
     "params_file": ("", "your parameters; others keep their default"),
     "use_sim_time": ("", "use simulated time, from /clock"),
+    "draw_sea": ("", "simulate a sea drawn from the scene's prior (default), or the scene's own"),
     "use_respawn": ("false", "start a dead node again; without, the launch ends with it"),
     "rviz": ("false", "open RViz"),
     "rviz_config": ("", "a file for RViz"),
@@ -60,7 +61,7 @@ FORMATION = {
     **EACH,
 }
 SWITCHES = {"chain", "demo", "rviz", "publish_tf", "record", "use_sim_time", "use_respawn"}
-SWITCHES |= {"one_process", "simulator", "use_leader_odometry"}
+SWITCHES |= {"one_process", "simulator", "use_leader_odometry", "draw_sea"}
 CHOICES = {name: [*YES, *NO] for name in SWITCHES}
 CHOICES["demo"] += ["follower", "leader"]
 CHOICES["log_level"] = [*LEVELS, *map(str.upper, LEVELS)]

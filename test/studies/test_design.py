@@ -200,7 +200,7 @@ def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, cap
     assert len(table) == 20
     np.testing.assert_array_equal(table["angle_deg"], [r.angle_deg for r in whole])
     assert set(table["seed"]) == {1}
-    assert matplotlib.image.imread("follow.design.png").shape[:2] == (774, 1440)
+    assert matplotlib.image.imread("follow.design.png").shape[:2] == (630, 1440)
     # A part of what is there scores nothing, and loses nothing.
     told = json_of(run, "--sweep", "shape=curved", *LISTS, "--poses", POSES)
     assert (len(heard), len(told["designs"])) == (20, 12)
@@ -218,14 +218,14 @@ def test_any_study_can_be_drawn(designs):
     rows = [ScoredDesign(**vars(design), **values) for design in designs]
     figure = draw(Choice(FOLLOW, rows), "about")
     figure.draw_without_rendering()
-    dots = [line.get_ydata() for line in figure.subfigs[0].axes[0].lines[:2]]
+    dots = [line.get_ydata() for line in figure.axes[0].lines[:2]]
     assert np.concatenate(dots).tolist() == [0.3] * len(designs)
 
 
 def test_the_line_of_a_front_goes_through_the_best_of_each_number_of_detectors():
     near, turned = row_of(3, 0.1, 2.0), row_of(3, 0.2, 1.0, width_m=0.2)
     figure = draw(Choice(FOLLOW, [near, turned, row_of(5, 0.05, 0.5)]), "about")
-    for axes, best in zip(figure.subfigs[0].axes[:2], ([0.1, 0.05], [1.0, 0.5]), strict=True):
+    for axes, best in zip(figure.axes[:2], ([0.1, 0.05], [1.0, 0.5]), strict=True):
         lines = [line for line in axes.lines if line.get_label().startswith("front")]
         assert [list(line.get_ydata()) for line in lines] == [best, best]  # of `fits` and `any`
 
@@ -234,7 +234,7 @@ def test_each_design_that_fits_has_its_number_beside_it():
     rows = [row_of(3, 0.2, 2.0), row_of(5, 0.1, 1.0), row_of(5, 0.01, 0.1, width_m=0.6)]
     choice = Choice(FOLLOW, rows)
     assert choice.numbered == rows
-    panels = draw(choice, "about").subfigs[0].axes[:2]
+    panels = draw(choice, "about").axes[:2]
     for axes, bounds in zip(panels, ({"1": 0.2, "2": 0.1}, {"1": 2.0, "2": 1.0}), strict=True):
         notes = [note for note in axes.texts if isinstance(note, Annotation)]
         assert {note.get_text(): note.xy[1] for note in notes} == bounds

@@ -362,18 +362,18 @@ class Choice:
 
     def table(self) -> str:
         """Return `numbered` as a table."""
-        heads = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "")
+        heads = ("position", "angle", "lit", "at 4 m", "", "4 to 8 m", "", "")
         lines: list[tuple[object, ...]] = [
             ("no", "design", "front", "15 deg", *heads),
-            ("", "", "", "at", "m", "deg", "%", "deg", "deg", "sigma"),
+            ("", "", "", "at", "m", "deg", "%", "0.2 m", "10 deg", "0.2 m", "10 deg", "sigma"),
         ]
         for number, row in enumerate(self.numbered, start=1):
             on_fronts = [name for name, rows in self.fronts.items() if row in rows] or ["none"]
             standing = ", ".join(on_fronts) + "; the paper's array" * row.is_papers_array
             bounds = f"{row.position_m:.3f}", f"{row.angle_deg:.2f}", f"{100 * row.lit:.0f}"
-            near = f"{row.shift_near_deg:.1f}, {row.yaw_near_deg:.1f}"
-            far = f"{row.shift_deg:.1f}, {row.yaw_deg:.1f}", f"{row.sigmas:.1f}"
-            lines.append((number, row.label, standing, row.resolved, *bounds, near, *far))
+            angles = row.shift_near_deg, row.yaw_near_deg, row.shift_deg, row.yaw_deg, row.sigmas
+            told = (f"{angle:.1f}" for angle in angles)
+            lines.append((number, row.label, standing, row.resolved, *bounds, *told))
         return columns(lines, 4)
 
     def as_object(self) -> dict[str, Any]:
@@ -409,22 +409,18 @@ BESIDE: dict[Shape, float] = {"planar": -0.2, "curved": 0.0}  # where a shape is
 
 
 def draw(choice: Choice, about: str) -> Any:
-    """Draw bounds against detectors, the paper's criterion, and the list of the fronts."""
+    """Draw bounds against detectors, numbered as in `Choice.table`, and the paper's criterion."""
     rows, width_m = choice.rows, choice.scene.array.width_m
-    figure = style.new_figure(16, 8.6)
-    above, below = figure.subfigures(2, 1, height_ratios=[5, 2.6])
-    *by_detectors, criterion = above.subplots(1, 3)
+    figure = style.new_figure(16, 7)
+    *by_detectors, criterion = figure.subplots(1, 3)
     for axes, name in zip(by_detectors, BOUNDS, strict=True):
         _all_designs(axes, choice, name)
     _dots(criterion, [min(row.shift_deg, row.yaw_deg) for row in rows], rows, "angle_deg")
     criterion.axvline(THRESHOLD_DEG, color="k", lw=1)
-    criterion.set_xlabel("least angle of 0.2 m and 10 deg, 4 to 8 m (deg)")
-    criterion.set_title(f"the paper's criterion, {THRESHOLD_DEG:g} deg, and the bound")
-    left, right = below.subplots(1, 2, width_ratios=(2.2, 1))
-    style.write_table(left, choice.table(), 8.5, 1.3)
-    right.set_axis_off()
+    criterion.set_xlabel("spectral angle of 0.2 m or 10 deg, the lesser, 4 to 8 m (deg)")
+    criterion.set_title(f"right of {THRESHOLD_DEG:g} deg the paper's criterion is met", fontsize=11)
     handles, labels = by_detectors[0].get_legend_handles_labels()
-    right.legend(handles, labels, loc="upper left", fontsize=10, frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=11, frameon=False)
     title = f"What to build: {len(rows)} designs of array and lamp, scene {choice.scene.name}"
     figure.suptitle(f"{title}, whose array is {width_m:g} m wide\n{about}", fontsize=13)
     return figure
@@ -434,7 +430,7 @@ def _dots(axes: Any, x: Sequence[float], rows: Sequence[ScoredDesign], name: str
     """Draw a bound of designs as dots, coloured by their shape, and what it compares with."""
     for shape, colour in style.SHAPE_COLOURS.items():
         points = [(at, getattr(r, name)) for at, r in zip(x, rows, strict=True) if r.shape == shape]
-        axes.plot(*np.reshape(points, (-1, 2)).T, "o", color=colour, ms=2, alpha=0.5, label=shape)
+        axes.plot(*np.reshape(points, (-1, 2)).T, "o", color=colour, ms=3, alpha=0.5, label=shape)
     label, wanted, free = BOUNDS[name]
     paper = {"color": style.SPECIFIED, "label": "specification of the paper"}
     axes.axhline(wanted, ls="--", lw=1.4, zorder=1, **paper)
@@ -464,7 +460,10 @@ def _all_designs(axes: Any, choice: Choice, name: str) -> None:
         best = {row.detectors_per_side: row for row in on_front}
         line = [best[side] for side in sorted(best)]
         axes.plot([*map(place, line)], [*map(bound, line)], "ko", ls=dashes, lw=1.2, label=label)
-    named = [*choice.fronts["fits"], *choice.papers]
+    own, ring = choice.papers, {"marker": "o", "ms": 7, "mfc": "none", "mec": "k", "ls": ""}
+    about = "the paper's array with the scene's lamp"
+    axes.plot([*map(place, own)], [*map(bound, own)], label=about, **ring)
+    named = [*choice.fronts["fits"], *own]
     points = {n: (place(r), bound(r)) for n, r in enumerate(choice.numbered, 1) if r in named}
     style.number_points(axes, points)
 

@@ -262,33 +262,41 @@ def draw(figures: Mapping[str, Any], scene_name: str) -> Any:
         axes.set_ylim(0, 80 if motion == "shift" else 60)
         axes.grid(alpha=0.3)
         # Dark for many detectors and for far, so that grey tells it, too.
+        told: dict[str, Any] = {}  # colours of the curves, by their names
         for curve, shade in zip(curves, shades("viridis", 0.85, 0, len(curves)), strict=True):
             names = {"4": curve["array"], "5": f"{curve['detectors_per_side']}"}
             dashed = "--" if curve["array"] == "planar" else "-"
             name = names.get(panel[0], f"{curve['range_m']:g} m")
             axes.plot(STEPS[motion], curve["angle_deg"], dashed, color=shade, lw=1.8, label=name)
-        _draw_statements(axes, panel, motion)
+            told[name] = shade
+        _draw_statements(axes, panel, motion, told)
         axes.legend(**BESIDE)
-    ours = f"our curves (scene {scene_name}); in black, what the text states"
+    ours = f"our curves (scene {scene_name}); marks, what the text states"
     picture.suptitle(f"Eren et al. (2016), Figs 4 to 6: {ours}", fontsize=13)
     return picture
 
 
-def _draw_statements(axes: Any, panel: str, motion: Motion) -> None:
+def _draw_statements(axes: Any, panel: str, motion: Motion, colours: Mapping[str, Any]) -> None:
+    """Mark what the text states of curves, each in its curve's colour, with the number beside."""
     if panel == "4a":
-        axes.axvspan(FAR[0], FAR[-1], color="0.9", zorder=0, label="curved\n2 deg better")
+        axes.axvspan(FAR[0], FAR[-1], color="0.9", zorder=0, label="text: curved\n2 deg more")
         return
     if panel[0] == "5":
-        axes.axhline(THRESHOLD_DEG, color="k", lw=1, ls="--")
+        axes.axhline(THRESHOLD_DEG, color="k", lw=1, ls="--", label=f"{THRESHOLD_DEG:g} deg")
     for statement in STATEMENTS:
         if statement.figure == panel and statement.paper is not None:
             about, angle = statement.conditions, statement.paper
             which = {"4": about["array"], "6": f"{about['range_m']:g} m"}
             name = which.get(panel[0], f"{about['detectors_per_side']}")
             step = about[f"{motion}_{UNITS[motion]}"]
-            marker = {"is": "o", "above": 6, "below": 7}[statement.relation]
-            text = f"{name}: {statement.label}"
-            axes.plot(step, angle, color="k", marker=marker, ms=7, ls="", label=text, zorder=4)
+            # A triangle's tip is at the number, its body where the curve is not to be.
+            marker, low = {"is": ("o", -4), "above": (6, -11), "below": (7, 6)}[statement.relation]
+            look: Any = {"marker": marker, "ms": 9, "mec": "k", "mfc": colours[name], "zorder": 4}
+            axes.plot(step, angle, ls="", **look)
+            words: Any = {"textcoords": "offset points", "fontsize": 9, "fontweight": "bold"}
+            words["bbox"] = {"fc": "w", "ec": "none", "pad": 0.5, "alpha": 0.8}
+            text = statement.label if panel[0] == "4" else f"{name}: {statement.label}"
+            axes.annotate(text, (step, angle), (9, low), zorder=5, **words)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

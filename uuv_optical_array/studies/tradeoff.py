@@ -256,17 +256,20 @@ def report(rows: Sequence[Measurement]) -> str:
     return columns(lines, 2)
 
 
-PALE = 0.3  # how opaque the mark of a setting on no front is
+PALE = 0.5  # how opaque the mark of a setting on no front is
+LINE_IN = 0.19  # height of a line of the table
 
 
 def draw(rows: Sequence[Measurement], about: str) -> Any:
     """Draw errors against time, every setting a mark; return the figure."""
-    figure, mark = style.new_figure(14, 9.6), style.mark
-    grid = figure.add_gridspec(2, 1, height_ratios=[3, 1])
+    table, mark = report(rows), style.mark
+    panels_in, table_in = 6.6, LINE_IN * (1 + len(table.splitlines()))
+    figure = style.new_figure(14, panels_in + table_in + 1.4)  # and title and legend
+    grid = figure.add_gridspec(2, 1, height_ratios=[panels_in, table_in])
     above = grid[0].subgridspec(1, 2)
     for i, name in enumerate(ERRORS):
         _draw_panel(figure.add_subplot(above[0, i]), rows, name)
-    style.write_table(figure.add_subplot(grid[1]), report(rows), 8.5, 1.35)
+    style.write_table(figure.add_subplot(grid[1]), table, 10, 1.35)
     marks = {m: at for m, at in style.METHOD_MARKS.items() if any(row.method == m for row in rows)}
     handles = [
         *(mark(m, at, color=style.METHOD_COLOURS[m], ms=8) for m, at in marks.items()),
@@ -286,7 +289,8 @@ def _draw_panel(axes: Any, rows: Sequence[Measurement], name: str) -> None:
     front = fronts(rows)[name]
     for row in rows:
         colour = style.METHOD_COLOURS[row.method]
-        look = {"marker": style.METHOD_MARKS[row.method], "fc": colour, "ec": colour, "s": 55}
+        size = 90 if row in front else 45
+        look = {"marker": style.METHOD_MARKS[row.method], "fc": colour, "ec": colour, "s": size}
         if row.without_pose > MOST_WITHOUT_POSE:
             look = {"marker": "x", "color": "0.5", "s": 30}
         elif row.shape == "planar":

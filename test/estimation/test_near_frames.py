@@ -4,6 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from fits import fit_of
 from scenes import changed
 from scipy.special import ndtri
 
@@ -146,7 +147,8 @@ def test_no_start_by_signature_leads_to_the_likeliest_pose(harbour, truth, image
     readings = np.array(image.split(), dtype=float)
     assert (distance(harbour, readings.reshape(5, 5), np.array(truth)) < 6).all()
     # A fit that is told the truth finds none that is likelier.
-    fit, guide = harbour._fit, harbour._fit.guide
+    fit = fit_of(harbour)
+    guide = fit.guide
     told = guide._replace(
         poses=np.tile(truth, (2, 1)), units=np.ascontiguousarray(guide.units[:, :2]), gaussian=True
     )

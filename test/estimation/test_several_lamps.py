@@ -4,17 +4,18 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from fits import frame_of, guide_from, guide_to, kinds_of, pose_prior
 from scenes import changed, squared_error, with_prior
 from scipy.integrate import trapezoid
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import rolled
+from uuv_optical_array.core.geometry import rolled, turned_about_beam
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.least_squares.frame import ONE_STEP
-from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
+from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOWHERE, ONE_STEP
 from uuv_optical_array.estimation.least_squares.image_fit import CLEAR
+from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
 from uuv_optical_array.estimation.least_squares.problem import light_at, start_at
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
@@ -199,49 +200,56 @@ def test_key_parameters_of_a_sum_beyond_full_scale_are_believed(estimator):
 POSE = np.array([-5.5, 0.3, -0.2, 0.1, -0.15])
 
 
-@pytest.fixture
-def fit(estimator):
-    return estimator._fit
+@pytest.fixture(scope="module")
+def clear_fit(estimator):
+    """Return what fits a clear frame, problem and way, from the true pose, beside its kind."""
+    kinds, guide = kinds_of(MODEL), guide_from(guide_to(MODEL), POSE)
+    names, compiled = estimator.constants.names, compilation.installed()
+    precision = np.diag(1 / np.square(pose_prior(SCENE)[1]))
+    linear = LinearModel(MODEL, kinds, names, precision, compiled)
+    frame = frame_of(kinds[0].problem, guide)
 
+    def fitted(problem, way=BELIEVED, place=NOWHERE):
+        found = frame(problem, guide, way, place)
+        return found if way == ONE_STEP else linear.about(kinds[0], problem, found)[0]
 
-def clear_fit(fit, problem):
-    """Return the fit of a clear frame from the true pose."""
-    return fit._hypothesis(fit._kinds[0], problem, fit._from(POSE, 0.0))
+    return kinds[0], fitted
 
 
 WIDER = {ROLL: 0.3, BEAM_SIGMA: 2.0}
 
 
 @pytest.mark.parametrize(("name", "off"), [(ROLL, 0.08), (BEAM_SIGMA, -1.5)])
-def test_odds_are_those_of_an_integral_over_what_is_more_unknown(fit, name, off):
+def test_odds_are_those_of_an_integral_over_what_is_more_unknown(clear_fit, name, off):
     """The evidence of clear frames whose prior is moved, by the trapezium rule over the move."""
     image = MODEL.read(MODEL.light(POSE, 0.0, {name: np.array(off)}), np.random.default_rng(2))
-    problem = fit._kinds[0].problem._replace(readings=image.ravel())
-    clear = clear_fit(fit, problem)
-    at, std = fit._kinds[0].names.index(name), WIDER[name]
+    kind, fitted = clear_fit
+    problem = kind.problem._replace(readings=image.ravel())
+    frame = fitted(problem)
+    at, std = kind.names.index(name), WIDER[name]
     moves = np.linspace(-4 * std, 4 * std, 161)
     logs = []
     for move in moves:
         mean = problem.nuisance_mean.copy()
         mean[at] += move
-        moved = clear_fit(fit, problem._replace(nuisance_mean=mean))
-        logs.append(moved.frame.log_evidence - 0.5 * (move / std) ** 2)
+        moved = fitted(problem._replace(nuisance_mean=mean))
+        logs.append(moved.log_evidence - 0.5 * (move / std) ** 2)
     peak = max(logs)
     integral = trapezoid(np.exp(np.array(logs) - peak), moves) / (std * np.sqrt(2 * np.pi))
-    wanted = np.log(integral) + peak - clear.frame.log_evidence
+    wanted = np.log(integral) + peak - frame.log_evidence
     assert wanted > 1
     precision = problem.nuisance_precision.copy()
     precision[at, at] = 1 / (1 / precision[at, at] + std**2)
-    wider, frame = problem._replace(nuisance_precision=precision), clear.frame
+    wider = problem._replace(nuisance_precision=precision)
     place = np.concatenate([frame.coordinates, frame.best[5:]])
-    near = fit._frame(wider, fit.guide, ONE_STEP, place)
+    near = fitted(wider, ONE_STEP, place)
     # As good as linear: one linear step is to choose what is fitted.
     found = near.log_evidence - frame.linear_log_evidence
     assert found == pytest.approx(wanted, rel=0.1, abs=0.3)
 
 
-def test_a_fit_starts_where_a_rolled_follower_was_found(fit):
+def test_a_fit_starts_where_a_rolled_follower_was_found():
     roll = np.radians(15)
-    problem = frame_kinds(MODEL, *fit._pose_prior)[0].problem._replace(roll=roll)
-    light = light_at(problem, start_at(problem, fit._from(POSE, roll).poses[0]))
+    problem = kinds_of(MODEL)[0].problem._replace(roll=roll)
+    light = light_at(problem, start_at(problem, turned_about_beam(POSE, -roll)))
     np.testing.assert_allclose(light, MODEL.light(POSE, roll).ravel(), rtol=1e-9)

@@ -7,9 +7,10 @@ import urllib.request
 from contextlib import suppress
 from urllib.parse import urlsplit
 
-import msgspec.msgpack  # it and websockets come with viser
+import msgspec.msgpack  # it, websockets and zstandard come with viser
 import pytest
 import viser
+import zstandard
 from conftest import PATIENCE_S
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -47,6 +48,19 @@ def status(page, path, **headers):
             return answer.status
     except urllib.error.HTTPError as error:
         return error.code
+
+
+def uuids_of_sliders(socket, count):
+    """Return how so many sliders of a page are called in its messages, by their labels."""
+    uuids = {}
+    while len(uuids) < count:
+        frame = socket.recv(timeout=PATIENCE_S)
+        packed = frame[16 : 16 + int.from_bytes(frame[8:16], "little")]
+        told = msgspec.msgpack.decode(zstandard.decompress(packed))
+        for message in told["messages"]:
+            if message["type"] == "GuiSliderMessage":
+                uuids[message["props"]["label"]] = message["uuid"]
+    return uuids
 
 
 class Lines(logging.Handler):
@@ -103,20 +117,21 @@ def test_values_out_of_bounds_are_refused_in_a_line_and_sliders_go_back(page, li
         asked.append(chosen(values))
         lines.came.release()
 
-    page.add_sliders("sea", sliders(Conditions(0.1)), change)
-    handles = list(page._server.gui._gui_input_handle_from_uuid.values())
-    attenuation, power, astern = handles[0], handles[1], handles[5]
+    given = sliders(Conditions(0.1))
+    page.add_sliders("sea", given, change)
+    attenuation, power, astern = (given[i].label for i in (0, 1, 5))
     wrong = [(attenuation, value) for value in (-5.0, float("nan"), float("inf"), 1e308)]
     with socket_of(page) as socket:
+        uuids = uuids_of_sliders(socket, len(given))
 
-        def set_value(handle, value):
-            updates = {"uuid": handle._impl.uuid, "updates": {"value": value}}
+        def set_value(label, value):
+            updates = {"uuid": uuids[label], "updates": {"value": value}}
             socket.send(msgspec.msgpack.encode({"type": "GuiUpdateMessage", **updates}))
             assert lines.came.acquire(timeout=PATIENCE_S)
 
         socket.send(msgspec.msgpack.encode(CAMERA))
-        for handle, value in (*wrong, (power, -5.0), (astern, -7.0), (power, "x")):
-            set_value(handle, value)
+        for label, value in (*wrong, (power, -5.0), (astern, -7.0), (power, "x")):
+            set_value(label, value)
         set_value(attenuation, 0.3)
         set_value(power, 0.5)
     assert asked == [Conditions(0.3), Conditions(0.3, (0.5,))]

@@ -153,27 +153,27 @@ class Page:
             self._frames[name].visible = False
 
     def _lay_out(self, title: str) -> None:
+        # A phone shows the main panel, and the others below it.
         gui = self._server.gui
-        gui.set_panel_label(title)
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(WIDTH_PX)
-        left = gui.add_panel()
-        left.dock_left()
-        left.set_width(LEFT_PX)
-        self._tab = left.add_tab("now")
+        gui.set_panel_label(title.removeprefix("uuv_optical_array: "))
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(LEFT_PX)
         by_lamp = " by each lamp" if self._scene.lamps else ""
         label = f"image of the array{by_lamp}, port on the left, up on top"
-        with self._tab:
-            self._state = gui.add_html(headline(None, 0.0))
-            self._words = gui.add_html("")
-            self._image = gui.add_image(np.zeros((8, 8, 3), np.uint8), label=label, format="png")
-        self._what = gui.add_html(ESTIMATES)
+        self._state = gui.add_html(headline(None, 0.0))
+        self._words = gui.add_html("")
+        self._image = gui.add_image(np.zeros((8, 8, 3), np.uint8), label=label, format="png")
+        right = gui.add_panel()
+        right.dock_right()
+        right.set_width(WIDTH_PX)
         values = _dots("value", "#ffffff"), _dots("-3 sigma", ESTIMATE), _dots("+3 sigma", ESTIMATE)
         titles = [f"{name} ({unit})" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True)]
-        self._charts = [self._chart(title, *values) for title in titles]
         full = math.floor(self._scene.full_scale_counts)
         light = f"light: brightest detector (of {full:g} counts)"
-        self._light = self._chart(light, _dots("peak", "#ffd66e"), y={"range": (0.0, full)})
+        with right.add_tab("last minute"):
+            self._what = gui.add_html(ESTIMATES)
+            self._charts = [self._chart(title, *values) for title in titles]
+            self._light = self._chart(light, _dots("peak", "#ffd66e"), y={"range": (0.0, full)})
 
     def _chart(self, title: str, *series: dict[str, Any], y: dict[str, Any] | None = None) -> Any:
         """Return a chart of several values over time; without a range it scales itself."""
@@ -208,7 +208,7 @@ class Page:
                     handle.value = value
                 logging.getLogger(__name__).warning("refused: %s", error)
 
-        with self._tab, self._server.gui.add_folder(title):
+        with self._server.gui.add_folder(title):
             for label, hint, *span in sliders:
                 handles.append(self._server.gui.add_slider(label, *span, hint=hint))
                 handles[-1].on_update(changed)
@@ -216,8 +216,7 @@ class Page:
     def add_button(self, label: str, on_click: Callable[[], None]) -> None:
         """Add a button that begins anew; `on_click` is called from any thread."""
         self._again = label
-        with self._tab:
-            self._server.gui.add_button(label).on_click(lambda _: on_click())
+        self._server.gui.add_button(label).on_click(lambda _: on_click())
 
     def add_time_line(
         self, duration_s: float, on_change: Callable[[float, bool], None]
@@ -227,7 +226,7 @@ class Page:
         `on_change` gets, from any thread, the time that was chosen, s, and whether time runs.
         """
         end_s = max(math.ceil(10 * duration_s) / 10, 0.1)
-        with self._tab, self._server.gui.add_folder("recording"):
+        with self._server.gui.add_folder("recording"):
             line = self._server.gui.add_slider("time (s)", 0.0, end_s, 0.1, 0.0)
             runs = self._server.gui.add_checkbox("play", True)
 

@@ -4,13 +4,13 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from fits import kinds_of
 from scipy.optimize import minimize_scalar
 from scipy.stats import entropy
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.faults import most_faulty, weigh
-from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.least_squares.problem import MOST_STEPS, refine, start_at
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -90,15 +90,17 @@ def test_what_a_faulty_detector_reads_has_no_part_in_the_pose(estimator):
         np.testing.assert_allclose(other.covariance, estimates[0].covariance, rtol=0.05)
 
 
+def clear_problem(estimator):
+    return kinds_of(ForwardModel(estimator.scene))[0].problem
+
+
 def test_the_readings_left_out_are_the_best_of_all_pairs(estimator):
     """By trying each pair, from the true pose, in a fit without it."""
     model, rng = ForwardModel(estimator.scene), np.random.default_rng(8)
     pose = np.array([-5.0, 0.2, -0.1, 0.05, 0.1])
     image = model.expose(pose, rng)
     image[[0, 3], [2, 1]] = [0.0, 500.0]
-    fit = estimator._fit
-    problem = frame_kinds(model, *fit._pose_prior)[0].problem
-    problem = problem._replace(readings=image.ravel())
+    problem = kinds_of(model)[0].problem._replace(readings=image.ravel())
     costs = {}
     for pair in combinations(range(25), 2):
         weights = np.ones(25)
@@ -114,7 +116,7 @@ def test_the_readings_left_out_are_the_best_of_all_pairs(estimator):
 @pytest.mark.parametrize("heat", [1.0, 9.0])
 def test_weights_are_the_least_of_their_cost(estimator, heat):
     """The cost of doubt, of what is left of the residual, and of being undecided, by SciPy."""
-    problem, squares = estimator._fit._kinds[0].problem, np.linspace(0, 60, 25)
+    problem, squares = clear_problem(estimator), np.linspace(0, 60, 25)
     problem = problem._replace(weights=np.ones(25))
     _, added = weigh(squares, heat, problem.weights)
     costs = 0.0
@@ -140,5 +142,5 @@ def test_weights_are_the_least_of_their_cost(estimator, heat):
 def test_what_need_not_be_believed_is_a_seventh_of_what_is_lit(estimator, dark, full, level, count):
     readings = np.full(25, float(level))
     readings[:dark], readings[25 - full :] = 0, 1023
-    problem = estimator._fit._kinds[0].problem._replace(readings=readings)
+    problem = clear_problem(estimator)._replace(readings=readings)
     assert most_faulty(problem) == count

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from fits import frame_of, guide_to, kinds_of
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 from scenes import changed, coarse
 from scipy.optimize import minimize
 
 from uuv_optical_array.core.geometry import PITCH, YAW
-from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOWHERE
 from uuv_optical_array.estimation.least_squares.posterior import (
     basis_of,
     fill,
@@ -127,17 +128,12 @@ def test_the_evidence_of_an_image_is_the_same_from_one_start_and_from_many():
     )
     model, rng = ForwardModel(scene), np.random.default_rng(4)
     images = model.expose(lit_poses(model, 12, rng), rng)
-    estimators = [Estimator(scene, candidates=count).wait() for count in (1, 32)]
+    guides, problem = [guide_to(model, count) for count in (1, 32)], kinds_of(model)[0].problem
+    fit = frame_of(problem, guides[0])
     several = 0
     for readings in images.reshape(len(images), -1):
-        one, many = (
-            fit._hypothesis(
-                fit._kinds[0],
-                fit._kinds[0].problem._replace(readings=readings),
-                fit.guide,
-            ).frame
-            for fit in (each._fit for each in estimators)
-        )
+        image = problem._replace(readings=readings)
+        one, many = (fit(image, guide, BELIEVED, NOWHERE) for guide in guides)
         several += np.isnan(one.runner_up_score) and not np.isnan(many.runner_up_score)
         assert many.log_evidence == pytest.approx(one.log_evidence, abs=0.2)
     assert several > 5

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from fits import guide_to, kinds_of
 from scenes import changed
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares import problem as problem_module
-from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOWHERE
+from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOWHERE, estimate_frame
 from uuv_optical_array.estimation.least_squares.image_fit import Image
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
@@ -65,18 +66,18 @@ def test_few_detectors_have_the_light_that_they_have_among_all(model, tolerance)
 
 def test_the_problem_of_few_readings_is_that_of_all_without_the_others():
     model = of_side(21, "leading_lights")
-    fit = Estimator(model.scene, compiled=False)._fit
+    guide = guide_to(model)
     readings = model.expose(POSE, np.random.default_rng(2)).ravel()
-    problem = Image(readings, 0.1).problem(fit._kinds[-1])
-    few, at = thinned(problem, fit.guide.readings, fit.guide.blur), start_at(problem, POSE)
+    problem = Image(readings, 0.1).problem(kinds_of(model)[-1])
+    few, at = thinned(problem, guide.readings, guide.blur), start_at(problem, POSE)
     weights = np.zeros_like(readings)
-    weights[fit.guide.readings] = 1
+    weights[guide.readings] = 1
     own, other = evaluate(few, at), evaluate(problem._replace(weights=weights), at)
     assert own.cost == pytest.approx(other.cost, rel=1e-9)
     for rows in (GRADIENT, slice(INFORMATION, None)):
         told, wanted = own.parts[rows], other.parts[rows]
         np.testing.assert_allclose(told, wanted, rtol=1e-7, atol=1e-9 * np.abs(wanted).max())
-    np.testing.assert_allclose(light_at(few, at), light_at(problem, at)[fit.guide.readings])
+    np.testing.assert_allclose(light_at(few, at), light_at(problem, at)[guide.readings])
 
 
 def test_starts_of_a_large_array_are_compared_by_few_detectors_whose_light_they_have():
@@ -97,12 +98,12 @@ def test_starts_of_a_large_array_are_compared_by_few_detectors_whose_light_they_
 @pytest.mark.parametrize(("side", "seed"), [(21, 1), (51, 2), (51, 3)])
 def test_a_fit_of_a_large_array_ends_where_all_of_its_readings_have_their_minimum(side, seed):
     model, rng = of_side(side), np.random.default_rng(seed)
-    fit = Estimator(model.scene, compiled=False)._fit
+    guide = guide_to(model)
     stds = model.scene.prior.nuisance_std()
     sea = {name: std * rng.standard_normal() for name, std in stds.items()}
     image = Image(model.expose(POSE, rng, offsets=sea).ravel(), 0.0)
-    problem = image.problem(fit._kinds[0])
-    found = fit._frame(problem, fit.guide, BELIEVED, NOWHERE).best
+    problem = image.problem(kinds_of(model)[0])
+    found = estimate_frame(problem, guide, BELIEVED, NOWHERE).best
     best = evaluate(problem, np.append(start_at(problem, found[:5])[:5], found[5:]))
     pull, information = best.parts[GRADIENT], best.parts[INFORMATION:]
     assert pull @ np.linalg.solve(information, pull) < 0.1  # in squared standard deviations
@@ -114,8 +115,7 @@ def test_a_fit_of_a_large_array_ends_where_all_of_its_readings_have_their_minimu
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_a_narrow_valley_that_bends_is_followed_in_few_steps(monkeypatch, sign):
     model, pose = of_side(51), np.array([-6.3, 0.59, -0.16, 0.03, -0.33])
-    fit = Estimator(model.scene, compiled=False)._fit
-    problem = Image(model.light(pose).ravel(), 0.0).problem(fit._kinds[0])
+    problem = Image(model.light(pose).ravel(), 0.0).problem(kinds_of(model)[0])
     truth = start_at(problem, pose)  # where light without noise has its minimum
     state = evaluate(problem, truth)
     scale = np.outer(problem.reach, problem.reach)
@@ -135,7 +135,7 @@ def test_a_narrow_valley_that_bends_is_followed_in_few_steps(monkeypatch, sign):
 def test_a_step_that_ends_beside_a_bent_valley_is_not_taken_back_at_once(monkeypatch):
     """Against a descent that takes back each step uphill, in as many steps as it needs."""
     model, rng = of_side(51), np.random.default_rng(3)
-    fit, poses = Estimator(model.scene, compiled=False)._fit, lit_poses(model, 12, rng)
+    guide, clear, poses = guide_to(model), kinds_of(model)[0], lit_poses(model, 12, rng)
     stds = model.scene.prior.nuisance_std()
     seas = {name: std * rng.standard_normal(12) for name, std in stds.items()}
     counted, calls = problem_module.likelihood_of, []
@@ -146,8 +146,8 @@ def test_a_step_that_ends_beside_a_bent_valley_is_not_taken_back_at_once(monkeyp
 
     monkeypatch.setattr(problem_module, "likelihood_of", likelihood_of)
     for image, pose in zip(model.expose(poses, rng, offsets=seas), poses, strict=True):
-        problem = Image(image.ravel(), 0.0).problem(fit._kinds[0])
-        few = thinned(problem, fit.guide.readings, fit.guide.blur)
+        problem = Image(image.ravel(), 0.0).problem(clear)
+        few = thinned(problem, guide.readings, guide.blur)
         start = refine(few, start_at(few, pose)).parts[AT]
         calls.clear()
         best = settle(problem, start)

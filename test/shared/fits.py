@@ -1,0 +1,54 @@
+"""Parts of the fit of an image, put together from the public ones as the estimator does."""
+
+import numpy as np
+from scipy.special import ndtri
+
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.estimation.estimator import EstimatorSettings
+from uuv_optical_array.estimation.least_squares.frame import (
+    BELIEVED,
+    NOWHERE,
+    estimate_frame,
+)
+from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
+from uuv_optical_array.estimation.least_squares.image_fit import PRIOR_HALF_EXTENTS, ImageFit
+from uuv_optical_array.estimation.least_squares.starts import guide_of
+from uuv_optical_array.estimation.signature_table import grid_axes
+from uuv_optical_array.forward.model import ForwardModel
+
+
+def pose_prior(scene):
+    """Return mean and standard deviation of the pose, far wider than the table of a scene."""
+    ends = np.array([(axis[0], axis[-1]) for axis in grid_axes(scene.table)])
+    half = np.maximum((ends[:, 1] - ends[:, 0]) / 2, 0.2)
+    return ends.mean(axis=1), PRIOR_HALF_EXTENTS * half
+
+
+def kinds_of(model):
+    """Return the kinds of frame of a model's scene, clear ones first."""
+    return frame_kinds(model, *pose_prior(model.scene))
+
+
+def guide_to(model, candidates=EstimatorSettings.candidates):
+    """Return where fits of a model's scene start from."""
+    return guide_of(model, candidates, float(-ndtri(EstimatorSettings.max_misfit)))
+
+
+def guide_from(guide, pose):
+    """Return the guide of a fit from one pose."""
+    units, roots = guide.units[:, :2].copy(), guide.roots[:, :0].copy()
+    return guide._replace(poses=np.tile(pose, (2, 1)), units=units, roots=roots, candidates=1)
+
+
+def frame_of(problem, guide):
+    """Return what fits frames like these, compiled where it can be."""
+    if not compilation.installed():
+        return estimate_frame
+    return compilation.prepare(estimate_frame, problem, guide, BELIEVED, NOWHERE)
+
+
+def fit_of(estimator):
+    """Return a fit of an estimator's scene like its own."""
+    s, model = estimator.settings, ForwardModel(estimator.scene)
+    compiled = compilation.installed()
+    return ImageFit(model, estimator.constants, s.candidates, s.max_misfit, compiled)

@@ -246,7 +246,8 @@ def run(args: argparse.Namespace) -> int:
     count, seed, vehicle = args.seeds, args.seed, args.vehicle
     rows, complete = until_interrupted(measure(kinds, count, seed, vehicle, args.processes))
     at = ", ".join(f"{value:g}" for value in args.station)
-    about = f"{vehicle}, station [{at}] m, {count} runs a kind, seeds from {seed}"
+    runs = "run" if count == 1 else "runs"
+    about = f"{vehicle}, station [{at}] m, {count} {runs} a kind, seeds from {seed}"
     save(draw(rows, about), output)
     words = envelope(rows)
     result = {"vehicle": vehicle, "station_m": list(args.station), "seed": seed, "seeds": count}

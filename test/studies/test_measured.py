@@ -78,12 +78,12 @@ def test_place_floor_and_noise_of_each_lamp_are_found(lamps):
 
 
 def test_places_are_found_within_their_errors(lamps):
-    room = room_of(60, 2)
+    room = room_of(25, 2)
     errors, stds = np.moveaxis(positions(room, lamps), 1, 0)
     assert np.isfinite(errors).all()
     squares = ((errors / stds) ** 2).sum(axis=1)
     # Its prior leaves more unknown than is: below the chi-square of 2, and not far below it.
-    assert 0.02 < squares.mean() < 2 + 5 * np.sqrt(4 / 60)
+    assert 0.02 < squares.mean() < 2 + 5 * np.sqrt(4 / 25)
     assert np.median(np.linalg.norm(errors, axis=1)) < 0.1
 
 

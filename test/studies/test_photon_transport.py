@@ -103,11 +103,11 @@ def test_a_detector_reads_the_flux_through_its_face():
 @pytest.mark.parametrize("phase", [*PHASES, "isotropic"])
 def test_without_absorption_all_energy_crosses_every_sphere(phase, monkeypatch):
     monkeypatch.setitem(PHASES, "isotropic", lambda half: half)
-    pencil = trace(0.0, 0.8, phase, 20_000, np.random.default_rng(1))
+    pencil = trace(0.0, 0.8, phase, 10_000, np.random.default_rng(1))
     total = np.exp(-0.8 * RADII_M) + pencil.radial.sum(axis=1)
     # As if the crossings of a photon, outwards and back, were independent of one another.
     error = np.sqrt(pencil.squares.sum(axis=1) / pencil.photons)
-    assert error.max() < 0.04
+    assert error.max() < 0.055
     assert (np.abs(total - 1) < SIGMAS * error).all()
 
 
@@ -118,7 +118,7 @@ def test_light_scattered_once_agrees_with_a_quadrature():
     the detector, the inverse squares and the volume leave ``dg dh dturn / range``.
     """
     a, b = 0.4, 1e-4
-    pencil = trace(a, b, "henyey_greenstein", 1_000_000, np.random.default_rng(2))
+    pencil = trace(a, b, "henyey_greenstein", 400_000, np.random.default_rng(2))
     lamps = [Lamp(pencil, sigma) for sigma in np.radians([4.0, 8.0])]
     x, wx = leggauss(240)
     root, wx = (x + 1) / 2, wx / 2

@@ -32,7 +32,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION
-from uuv_optical_array.plots.style import new_figure, save
+from uuv_optical_array.plots.style import new_figure, plain_log_ticks, save
 
 RANGES_M = (1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0)
 DRAWN_M = np.geomspace(1.0, 20.0, 120)
@@ -113,6 +113,8 @@ def draw(scene: Scene) -> Any:
             axes.axvspan(DRAWN_M[0], nearest, color="0.9", zorder=0, label=shaded)
         axes.set(xscale="log", yscale="log", xlabel="base_link behind the lamp (m)")
         axes.set_ylabel(unit if unit == "counts" else f"least std of one image ({unit})")
+        if unit != "counts":
+            plain_log_ticks(axes.yaxis)
         axes.set_xticks([1, 2, 3, 5, 10, 20], ["1", "2", "3", "5", "10", "20"])
         axes.grid(alpha=0.4)
         axes.legend()

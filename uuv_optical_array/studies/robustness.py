@@ -136,7 +136,7 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
 
 def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
     """Draw the shares answered and false, and the errors, a row for each kind."""
-    figure = new_figure(18, 2.4 + 0.27 * max(len(rows), 12))
+    figure = new_figure(16, 2.4 + 0.24 * max(len(rows), 12))
     left, middle, right = grid = figure.subplots(1, 3, sharey=True, width_ratios=(1, 1, 1.5))
     y, texts = np.arange(len(rows)), ("kind", "what")
     of = {key: np.array([r[key] for r in rows], float) for key in rows[0] if key not in texts}
@@ -149,7 +149,7 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
     ):
         bars = axes.barh(y, 100 * of[key] / whole, color=colour, label=label)
         if key != "indistinguishable":
-            axes.bar_label(bars, fmt="%.3g", padding=4, fontsize=9)
+            axes.bar_label(bars, fmt="%.3g", padding=4, fontsize=8)
     left.set(xlim=(0, 115), xlabel="answered, of all (%)")
     middle.set(xlim=(0, 115), xlabel="beyond 6 sigma, of answered (%)")
     for key, marker, colour, label in ERRORS:
@@ -163,9 +163,9 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
         axes.grid(axis="x", alpha=0.4)
         axes.set_axisbelow(True)
         axes.tick_params(axis="y", length=0)
-    left.set_yticks(y, [row["what"].rstrip(".") for row in rows], fontsize=10)
+    left.set_yticks(y, [row["what"].rstrip(".") for row in rows], fontsize=9)
     for at, row in zip(y, rows, strict=True):
-        beside = {"xytext": (6, 0), "textcoords": "offset points", "va": "center", "fontsize": 10}
+        beside = {"xytext": (6, 0), "textcoords": "offset points", "va": "center", "fontsize": 9}
         right.annotate(row["kind"], (1, at), xycoords=right.get_yaxis_transform(), **beside)
     left.set_ylim(len(rows) - 0.5, -0.5)
     handles = [handle for axes in grid for handle in axes.get_legend_handles_labels()[0]]

@@ -136,7 +136,7 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
 
 def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
     """Draw the shares answered and false, and the errors, a row for each kind."""
-    figure = new_figure(16, 2.4 + 0.24 * max(len(rows), 12))
+    figure = new_figure(16, 2.4 + 0.24 * max(len(rows), 14))
     left, middle, right = grid = figure.subplots(1, 3, sharey=True, width_ratios=(1, 1, 1.5))
     y, texts = np.arange(len(rows)), ("kind", "what")
     of = {key: np.array([r[key] for r in rows], float) for key in rows[0] if key not in texts}

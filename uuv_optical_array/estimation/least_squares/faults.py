@@ -163,6 +163,16 @@ def disbelieve(problem: Problem, guide: Guide) -> tuple[Array, float]:
             doubted += 1 if weights[d] < 0.5 else 0
         if cost < least and doubted <= most:
             least, best, at = cost, weights.copy(), there
+    # Where a detector is dark, another pose may have turned it away: is it dead instead?
+    dark = 3 * np.sqrt(noise.variance)
+    for d in range(detectors):
+        if best[d] >= 0.5 and readings[d::detectors].max() <= dark:
+            for j in range(len(weights)):
+                weights[j] = best[j] if j % detectors != d else 0.0
+            there = refine(problem, at, STEPS).parts[AT].copy()
+            cost, there = fit_believed(problem, there, squares)
+            if cost < least and (weights[:detectors] < 0.5).sum() <= most:
+                least, best, at = cost, weights.copy(), there
     light = light_at(problem, at)
     for j in range(len(weights)):
         weights[j] = best[j]

@@ -93,8 +93,13 @@ def test_a_shaded_frame_is_a_weaker_lamp_and_five_modes():
 def test_a_frame_that_is_lit_unevenly_has_five_modes_and_daylight_and_a_weaker_lamp():
     known = {"lamp_power_std": 0.15, "uneven_probability": 0.1, "ambient_gradient_std_counts": 15.0}
     prior = scene(known).prior
-    clear, small, large = prior.lights(1000)
-    np.testing.assert_allclose([clear.share, small.share, large.share], [0.9, 0.2 / 3, 0.1 / 3])
+    clear, small, large, *larger = prior.lights(1000)
+    np.testing.assert_allclose([clear.share, small.share, large.share], [0.9, 0.2 / 3, 0.028])
+    np.testing.assert_allclose([light.share for light in larger], [0.004, 0.1 / 75])
+    for times, light in zip((2, 3), larger, strict=True):
+        assert (light.depth, light.daylight_counts) == pytest.approx((times * 0.2, times * 20))
+    # By several lamps there are none beyond a shade of a fifth.
+    assert [light.size for light in prior.lights(1000, 3)] == [0.0, 0.25, 1.0]
     assert prior.std_in(clear) == prior.nuisance_std()
     stds = prior.std_in(large)
     assert stds.pop("lamp.power") == 0.25  # a shade of a fifth dims, too

@@ -40,9 +40,11 @@ SHADE_DECAY, SHADE_ORDERS = 1 / 4, (1, 1, 2, 2, 2)
 RIM = 0.25  # depth of a cloud's rim relative to its middle
 # Uneven light that the scene does not name: a smooth shade, in the logarithm of the lamp's light,
 # and a gradient of daylight, relative to full scale. Our choice, for the unforeseen, as are its
-# sizes, of that, with the share of each, and the share of such frames by several lamps, at least.
+# sizes, of that, with the share of each; by several lamps, each of which may be off by itself, too,
+# and the share of such frames at least.
 UNEVEN_DEPTH, UNEVEN_DAYLIGHT = 0.2, 0.02
-UNEVEN_SIZES = (0.25, 2 / 3), (1.0, 1 / 3)
+UNEVEN_SIZES = (0.25, 2 / 3), (1.0, 0.28), (2.0, 0.04), (3.0, 1 / 75)
+SIZES_BY_LAMPS = (0.25, 2 / 3), (1.0, 1 / 3)
 UNEVEN_BY_LAMPS = 3e-3
 
 Known = Literal["exactly", "calibrated", "as_bought"]
@@ -202,7 +204,7 @@ class PriorSettings:
             depth, daylight = UNEVEN_DEPTH, UNEVEN_DAYLIGHT * daylight_scale_counts
             unclear = [
                 FrameLight(share * part, size * depth, False, size * daylight, size)
-                for size, part in UNEVEN_SIZES
+                for size, part in (SIZES_BY_LAMPS if lamps else UNEVEN_SIZES)
             ]
         return [FrameLight(1 - share), *unclear]
 

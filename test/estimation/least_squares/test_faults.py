@@ -62,6 +62,25 @@ def test_faulty_detectors_are_named_and_the_pose_is_right(estimator, fault, coun
     assert refused <= 1
 
 
+def test_a_dead_detector_is_not_one_that_the_pose_turns_away(estimator):
+    """The lowest port one is dead; a follower that pitches more sees less light there, too."""
+    pose = np.array([-4.657, 0.780, -0.097, 0.161, -0.048])
+    model = ForwardModel(estimator.scene)
+    assert model.light(pose)[4, 0] > 15
+    image = np.array(
+        [
+            [55, 127, 189, 228, 194],
+            [80, 149, 215, 264, 261],
+            [77, 138, 201, 246, 251],
+            [55, 110, 159, 196, 190],
+            [1, 63, 98, 117, 86],
+        ]
+    )
+    estimate = estimator.estimate(image)
+    assert estimate.left_out == ((4, 0),)
+    assert (np.abs(estimate.pose - pose) < 3 * np.sqrt(estimate.covariance.diagonal())).all()
+
+
 def test_an_image_without_a_fault_loses_no_reading(estimator):
     model, rng = ForwardModel(estimator.scene), np.random.default_rng(5)
     for image in model.expose(lit_poses(model, 60, rng), rng):

@@ -66,7 +66,8 @@ UNEVEN = with_prior(SCENE, uneven_probability=0.02)
 
 def unevenly_lit(model, pose, share, rng):
     """Return an image with shade and daylight as their prior has them, or a share of it."""
-    stds = model.scene.prior.std_in(model.scene.prior.lights(model.scene.full_scale_counts)[-1])
+    _, _, whole, *_ = model.scene.prior.lights(model.scene.full_scale_counts)
+    stds = model.scene.prior.std_in(whole)
     off = {name: np.array(share * std * rng.standard_normal()) for name, std in stds.items()}
     rest = 1 + share * 0.0125 * rng.standard_normal((5, 5))
     return model.read(model.light(pose, 0.0, off) * rest, rng)

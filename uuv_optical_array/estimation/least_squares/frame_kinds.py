@@ -45,6 +45,7 @@ class FrameKind(NamedTuple):
     - share: of such frames, in (0, 1].
     - shared: places of the clear kind's nuisances among these.
     - doubt: factor of the pose's covariance, >= 1, for what the kind does not describe.
+    - size: of what the scene does not name, as of `FrameLight`.
     """
 
     problem: Problem
@@ -52,6 +53,7 @@ class FrameKind(NamedTuple):
     share: float
     shared: NDArray[np.intp]
     doubt: float
+    size: float
 
 
 def frame_kinds(model: ForwardModel, pose_mean: Array, pose_std: Array) -> list[FrameKind]:
@@ -89,7 +91,7 @@ def frame_kinds(model: ForwardModel, pose_mean: Array, pose_std: Array) -> list[
         doubt = shade_doubt(model.scene.lamp_count) if light.cloud else 1.0
         clear = kinds[0].names if kinds else names
         shared = np.array([names.index(name) for name in clear], dtype=np.intp)
-        of = problem, tuple(names), light.share, shared, doubt
+        of = problem, tuple(names), light.share, shared, doubt, light.size
         kinds.append(FrameKind(*of))
     return kinds
 

@@ -51,6 +51,7 @@ from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.prior import UNEVEN_SIZES
 from uuv_optical_array.forward.scene import Scene
 
 # The pose's prior is Gaussian about the middle of the table, this many half extents wide: too
@@ -66,6 +67,8 @@ DOUBTFUL = 2.576
 # Score up to which what is not clear has to fit: that of one image of fifty, or of a thousand by
 # several lamps, whose readings are enough to tell.
 MENDED, MENDED_BY_SEVERAL = 2.054, UNUSUAL
+# And the same where light differs as much as it may at all: nothing larger takes what does not fit.
+LARGEST, EVEN = UNEVEN_SIZES[-1][0], 0.0
 # Logarithm of the odds of a kind against a clear frame, by a linear step, from which it counts, and
 # from which it is fitted.
 LOG_CONSIDERED, LOG_LIKELY = math.log(0.002), math.log(0.2)
@@ -217,7 +220,12 @@ class ImageFit:
             if mended.frame.outcome == FITTED:
                 start = self._from(mended.frame.best[:5], image.roll)
         if clear.frame.outcome == FITTED:
-            found += filter(None, (self._beside(image, kind, clear) for kind in kinds[1:]))
+            for kind in kinds[1:]:
+                beside = self._beside(image, kind, clear)
+                if beside:
+                    found.append(beside)
+                elif kind.size >= 1:
+                    break  # a larger one is less likely still
             return found
         found += [self._uneven(kind, image.problem(kind), start) for kind in kinds[:0:-1]]
         if faults and not any(each.frame.outcome == FITTED for each in found):
@@ -289,7 +297,8 @@ class ImageFit:
 
     def _fits(self, found: Hypothesis) -> bool:
         """Say whether a frame that is hardly a clear one fits as if it were."""
-        return found.frame.outcome == FITTED and found.frame.score <= self._most_mended
+        most = EVEN if found.kind.size == LARGEST else self._most_mended
+        return found.frame.outcome == FITTED and found.frame.score <= most
 
     def _from(self, pose: Array, roll: float) -> Guide:
         """Return the guide of a fit from the pose of a follower of this roll."""

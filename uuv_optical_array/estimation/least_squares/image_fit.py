@@ -51,7 +51,6 @@ from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import UNEVEN_SIZES
 from uuv_optical_array.forward.scene import Scene
 
 # The pose's prior is Gaussian about the middle of the table, this many half extents wide: too
@@ -67,8 +66,8 @@ DOUBTFUL = 2.576
 # Score up to which what is not clear has to fit: that of one image of fifty, or of a thousand by
 # several lamps, whose readings are enough to tell.
 MENDED, MENDED_BY_SEVERAL = 2.054, UNUSUAL
-# And the same where light differs as much as it may at all: nothing larger takes what does not fit.
-LARGEST, EVEN = UNEVEN_SIZES[-1][0], 0.0
+# And the same where light differs by more than its usual sizes, as anything nearly fits there.
+EVEN = 0.0
 # Logarithm of the odds of a kind against a clear frame, by a linear step, from which it counts, and
 # from which it is fitted.
 LOG_CONSIDERED, LOG_LIKELY = math.log(0.002), math.log(0.2)
@@ -297,7 +296,7 @@ class ImageFit:
 
     def _fits(self, found: Hypothesis) -> bool:
         """Say whether a frame that is hardly a clear one fits as if it were."""
-        most = EVEN if found.kind.size == LARGEST else self._most_mended
+        most = EVEN if found.kind.size > 1 else self._most_mended
         return found.frame.outcome == FITTED and found.frame.score <= most
 
     def _from(self, pose: Array, roll: float) -> Guide:

@@ -10,7 +10,14 @@ from needs import numba
 from scipy.special import erfcx, log_ndtr, ndtr
 
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import borrowed, exp, expm1, workspace, zeros
+from uuv_optical_array.core.numerics.elementwise import (
+    borrowed,
+    exp,
+    expm1,
+    partition,
+    workspace,
+    zeros,
+)
 
 both = pytest.mark.parametrize("fast", [False, pytest.param(True, marks=numba)], ids=str)
 
@@ -80,6 +87,23 @@ for _ in range(2):
     stats = rtsys.get_allocation_stats()
     print(stats.alloc, stats.alloc - stats.free)
 """
+
+
+def partitioned(values, n):
+    partition(values, n)
+    return values
+
+
+@both
+@pytest.mark.parametrize("count", [1, 2, 9, 25])
+def test_a_partition_has_each_value_where_sorting_has_it(count, fast):
+    call, rng = as_given(partitioned, fast), np.random.default_rng(count)
+    for values in (rng.random(count), rng.integers(0, 3, count) * 1.0, np.arange(count, 0.0, -1)):
+        for n in range(count):
+            found, ordered = call(values.copy(), n), np.sort(values)
+            assert found[n] == ordered[n]
+            np.testing.assert_array_equal(np.sort(found[:n]), ordered[:n])
+            np.testing.assert_array_equal(np.sort(found[n:]), ordered[n:])
 
 
 @numba

@@ -5,6 +5,7 @@ A plain function of this package that a compiled one calls is compiled itself. T
 """
 
 import math
+from functools import partial
 from types import FunctionType
 from typing import Any
 
@@ -29,9 +30,8 @@ ROUND = 1.5 * 2.0**52  # added to a number it leaves the nearest whole one in th
 ASYMPTOTIC = 25.0  # from here a series of the scaled complementary error function is exact
 
 # Optimised by themselves, else a frame takes up to 1.2 times as long.
-given: dict[str, Any] = {"error_model": "numpy", "no_cpython_wrapper": True}
-given["no_cfunc_wrapper"] = True
-inner, inlined = njit(**given), njit(**given, forceinline=True, fastmath={"contract"})
+within = partial(njit, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inner, inlined = within(), within(forceinline=True, fastmath={"contract"})
 
 
 @typeof_impl.register(FunctionType)

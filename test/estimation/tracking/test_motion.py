@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from tracks import START_NS, turned, van_loan
 
 from uuv_optical_array.core.messages import MAX_TWIST
 from uuv_optical_array.estimation.tracking.motion import (
     OwnMotion,
     in_beacon,
+    swing,
     walk_noise,
 )
 
@@ -29,6 +31,25 @@ def test_the_noise_of_a_step_is_van_loans(step_s, walk):
 def test_a_twist_is_turned_as_by_scipy(numbers):
     pose, twist = np.split(np.array(numbers), 2)
     np.testing.assert_allclose(in_beacon(pose, twist), turned(pose, twist), atol=1e-12)
+
+
+@given(
+    st.lists(st.floats(-6, 6), min_size=3, max_size=3),
+    st.sampled_from([(1, "y"), (2, "z")]),
+)
+def test_a_leader_that_turns_swings_its_follower(place, about):
+    """By small turns of the leader about the water's axes; the follower stands still."""
+    (row, axis), turn = about, 1e-6
+    leader = Rotation.from_euler(axis, turn)
+    seen = leader.inv()
+    moved = seen.apply(place) - place
+    yaw, pitch, _ = seen.as_euler("ZYX")
+    change = np.array([*moved, pitch, yaw]) / turn
+    assert change[2 + row] == pytest.approx(-1)
+    pose = np.array([*place, 0.0, 0.0])
+    rate = np.zeros(5)
+    rate[2 + row] = -1.0  # of the leader alone, at its own place
+    np.testing.assert_allclose(swing(pose) @ rate, change, atol=1e-5)
 
 
 @settings(max_examples=100)

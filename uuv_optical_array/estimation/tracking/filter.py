@@ -34,7 +34,13 @@ from uuv_optical_array.estimation.tracking.correction import (
     pose_distance,
 )
 from uuv_optical_array.estimation.tracking.measurement import Measurement
-from uuv_optical_array.estimation.tracking.motion import RATE_STD, OwnMotion, in_beacon, walk_noise
+from uuv_optical_array.estimation.tracking.motion import (
+    RATE_STD,
+    OwnMotion,
+    in_beacon,
+    swing,
+    walk_noise,
+)
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import POSE, RATE, OwnMotionIs
 from uuv_optical_array.estimation.unknowns.constants import Constants
@@ -203,6 +209,8 @@ class FrameFilter:
         covariance[POSE] += step_s * covariance[RATE]
         covariance[:, POSE] += step_s * covariance[:, RATE]
         noise = np.hstack([*self._noise(step_s, event, obeys != (state.own_motion == "told"))])
+        if obeys:  # the rate is the leader's
+            noise = (swing(mean[POSE]) @ noise.reshape(2, 5, -1)).reshape(noise.shape)
         covariance[:STATE, :STATE] += noise @ noise.T
         # The attitude's error turns the own motion by so little that the random motion covers it.
         if obeys:

@@ -33,6 +33,19 @@ def walk_noise(walk: Array, step_s: float) -> Array:
     return math.sqrt(step_s) * noise
 
 
+def swing(pose: Array) -> Array:
+    """Return the slope of a pose's rate by that of its leader alone, shape ``(5, 5)``.
+
+    - pose: ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
+
+    A leader that turns changes pitch and yaw, and swings the follower that does not turn with it.
+    """
+    x, y, z, _, _ = pose
+    slope: Array = np.eye(5)
+    slope[:3, PITCH], slope[:3, YAW] = (z, 0.0, -x), (-y, x, 0.0)
+    return slope
+
+
 def checked_rate(name: str, values: ArrayLike) -> Array:
     """Return a copy of five rates, m/s and rad/s; ValueError where they are out of bounds."""
     rate = np.array(values, dtype=float)

@@ -58,6 +58,14 @@ def turned(pose, twist):
     return np.array([*attitude.apply(twist[:3]), *twist[3:]])
 
 
+def swung(pose, walk):
+    """Return the covariance of a pose's rate by that of the rate of its leader alone."""
+    slope = np.eye(5)
+    for row in (1, 2):  # a turn of the leader about its axis, by which the pose turns the other way
+        slope[:3, 2 + row] = -np.cross(-np.eye(3)[row], pose[:3])
+    return slope @ walk @ slope.T
+
+
 class Textbook:
     """The filter in covariance form, as textbooks have it, for frames in order.
 
@@ -72,7 +80,8 @@ class Textbook:
 
     def take(self, stamp, pose, noise):
         """Move to a later frame and correct by it."""
-        transition, walk = van_loan((stamp - self.stamp) * 1e-9, self.rate_walk)
+        walk = swung(self.mean, self.rate_walk)
+        transition, walk = van_loan((stamp - self.stamp) * 1e-9, walk)
         mean = transition @ self.mean
         ends = [later for later, _ in self.commands[1:]] + [math.inf]
         for (since, twist), until in zip(self.commands, ends, strict=True):

@@ -26,6 +26,7 @@ from tracks import (
     moved,
     scattered,
     steady,
+    swung,
     turned,
     van_loan,
 )
@@ -99,8 +100,7 @@ def test_a_follower_on_station_learns_the_leaders_turn_from_its_own():
 
 def test_errors_are_as_large_as_the_track_says_when_the_follower_moves_by_command():
     rng = np.random.default_rng(77)
-    transition, noise = van_loan(0.1, WALK)
-    gathered, root, squares = np.linalg.cholesky(noise), np.linalg.cholesky(CORRELATED), []
+    root, squares = np.linalg.cholesky(CORRELATED), []
     for _ in range(100):
         tracker, twist = Tracker(OPEN), np.zeros(5)
         state = np.concatenate([STATION, RATE_STD * rng.standard_normal(5)])
@@ -108,7 +108,8 @@ def test_errors_are_as_large_as_the_track_says_when_the_follower_moves_by_comman
             stamp = START_NS + k * TENTH_NS
             if k:
                 before = state
-                state = transition @ state + gathered @ rng.standard_normal(10)
+                transition, noise = van_loan(0.1, swung(before, WALK))
+                state = transition @ state + np.linalg.cholesky(noise) @ rng.standard_normal(10)
                 state[:5] += turned(before[:5], twist) * 0.1
             twist = SWERVE * rng.uniform(-1, 2, 5)
             tracker.command(stamp, twist)
@@ -134,7 +135,8 @@ def test_where_commands_begin_and_end_the_rate_is_as_unknown_as_at_a_start():
         assert ahead.own_motion == said
         own = turned(ahead.pose, SWERVE) if said == "told" else 0.0
         np.testing.assert_allclose(ahead.rate, track.rate + own, rtol=1e-5)
-        grown = track.joint_covariance[5:, 5:] + (TENTH_NS + later_ns) * 1e-9 * WALK
+        walk = swung(track.pose, WALK) if said == "told" else WALK
+        grown = track.joint_covariance[5:, 5:] + (TENTH_NS + later_ns) * 1e-9 * walk
         grown = grown + start * (said == "told")
         np.testing.assert_allclose(ahead.joint_covariance[5:, 5:], grown, rtol=1e-5, atol=1e-7)
     # A frame that came while there were commands, and then none for too long.

@@ -208,9 +208,12 @@ class FrameFilter:
         mean[POSE] += step_s * mean[RATE]
         covariance[POSE] += step_s * covariance[RATE]
         covariance[:, POSE] += step_s * covariance[:, RATE]
-        noise = np.hstack([*self._noise(step_s, event, obeys != (state.own_motion == "told"))])
+        walk = walk_noise(self.walk, step_s)
         if obeys:  # the rate is the leader's
-            noise = (swing(mean[POSE]) @ noise.reshape(2, 5, -1)).reshape(noise.shape)
+            walk = (swing(before.mean[POSE]) @ walk.reshape(2, 5, 10)).reshape(10, 10)
+        noise = np.hstack(
+            [walk, *self._jumps(step_s, event, obeys != (state.own_motion == "told"))]
+        )
         covariance[:STATE, :STATE] += noise @ noise.T
         # The attitude's error turns the own motion by so little that the random motion covers it.
         if obeys:
@@ -219,11 +222,10 @@ class FrameFilter:
         wrapped(mean[POSE])
         return belief
 
-    def _noise(self, step_s: float, event: Event, another: bool) -> Iterator[Array]:
-        """Yield roots of the motion's noise: its walk, a manoeuvre, and where it is another rate.
+    def _jumps(self, step_s: float, event: Event, another: bool) -> Iterator[Array]:
+        """Yield roots of the noise of a manoeuvre, and where it is another rate.
 
         The rate of a leader whose follower obeys is not that of the relative motion.
         """
-        yield walk_noise(self.walk, step_s)
         for std in [MANOEUVRE_STD] * (event == "manoeuvre") + [RATE_STD] * another:
             yield step_s * np.eye(10, 5) * std + np.eye(10, 5, -5) * std

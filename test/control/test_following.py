@@ -322,6 +322,19 @@ def test_a_lamp_where_the_leader_cannot_be_by_now_is_another_one(share, taken):
         assert "another lamp" in str(pursuit.refused)
 
 
+@pytest.mark.parametrize(("share", "doubted"), [(0.8, False), (0.6, True)])
+def test_light_that_falls_at_once_may_be_that_of_another_lamp_also_where_it_goes_on(share, doubted):
+    pursuit = Pursuit()
+    pursuit.peak = 200.0
+    pursuit.run(LIT_S)
+    since_s = pursuit.following.state.since_s
+    pursuit.peak *= share
+    pursuit.run(1.0)
+    assert pursuit.state == "locked"
+    assert pursuit.following.state.since_s == since_s
+    assert doubted == ("it may be another lamp" in pursuit.following.state.reason)
+
+
 @given(
     st.tuples(st.floats(0.0, 1.2), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)),
     st.floats(-0.12, 0.12),

@@ -8,7 +8,13 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from uuv_optical_array.control.leader_motion import CHANCE, LeaderMotion
-from uuv_optical_array.control.other_lamp import MOST_CHANGE, OtherLamp, goes_on, within_reach
+from uuv_optical_array.control.other_lamp import (
+    MOST_CHANGE,
+    ROOM,
+    OtherLamp,
+    goes_on,
+    within_reach,
+)
 
 STATION = np.array([-4.5, 0.3, -0.2, 0.05, -0.1])
 FIVE, ONE = chi2.isf(CHANCE, 5), chi2.isf(CHANCE, 1)
@@ -19,7 +25,7 @@ SURE = 1e-6 * np.eye(5)
 @pytest.mark.parametrize("axis", range(5))
 def test_a_leader_gets_as_far_as_it_speeds_up_and_turns_beside_what_a_pose_errs(axis, share):
     std, since_s = 0.1, 0.7
-    reach = MOST_CHANGE[axis] * since_s**2 / 2
+    reach = ROOM[axis] + MOST_CHANGE[axis] * since_s**2 / 2
     off = np.zeros(5)
     off[axis] = share * math.sqrt(FIVE * (std**2 + reach**2 / ONE))
     assert within_reach(off, std**2 * np.eye(5), since_s) == (share < 1)
@@ -29,7 +35,7 @@ def test_a_leader_gets_as_far_as_it_speeds_up_and_turns_beside_what_a_pose_errs(
 def test_a_leader_that_turns_where_it_is_goes_on_by_its_turn_alone(share):
     """The follower swings round it: 1.5 m in a pose whose lamp has not moved."""
     since_s = 1.0
-    turned = share * math.sqrt(FIVE / ONE) * MOST_CHANGE[4] * since_s**2 / 2
+    turned = share * math.sqrt(FIVE / ONE) * (ROOM[4] + MOST_CHANGE[4] * since_s**2 / 2)
     back = Rotation.from_euler("z", -turned)
     pose = np.array([*back.apply(STATION[:3]), STATION[3], STATION[4] - turned])
     assert np.linalg.norm(pose[:3] - STATION[:3]) > 1.4
@@ -40,7 +46,8 @@ def test_a_leader_that_turns_where_it_is_goes_on_by_its_turn_alone(share):
 @pytest.mark.parametrize("axis", range(3))
 def test_a_lamp_beside_goes_on_only_from_a_leader_that_can_get_there(axis, share):
     since_s, pose = 0.5, STATION.copy()
-    pose[axis] += share * math.sqrt(FIVE / ONE) * MOST_CHANGE[axis] * since_s**2 / 2
+    reach = ROOM[axis] + MOST_CHANGE[axis] * since_s**2 / 2
+    pose[axis] += share * math.sqrt(FIVE / ONE) * reach
     assert goes_on(STATION, pose, 1e-8 * np.eye(5), since_s) == (share < 1)
 
 

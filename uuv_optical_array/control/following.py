@@ -33,7 +33,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.control.darkness import Darkness, SearchSettings, Seen
+from uuv_optical_array.control.darkness import DOUBT, Darkness, SearchSettings, Seen
 from uuv_optical_array.control.formation import (
     FormationController,
     FormationSettings,
@@ -137,6 +137,9 @@ class Following:
             self._other.alone = False
         if peaks and LIT * glow.peak < min(peaks):
             self._out_s = stamp_s
+            if self.state.name == "locked" and DOUBT not in self.state.reason:
+                reason = f"{self.state.reason}; light fell at once, so {DOUBT}"
+                self.state = self.state._replace(reason=reason)
         peaks.append(glow.peak)
 
     def moved(self, stamp_s: float, linear: ArrayLike, angular: ArrayLike) -> None:

@@ -18,6 +18,9 @@ from uuv_optical_array.core.geometry import Array, rotation_matrix, wrapped
 
 # By which a leader like the follower changes its velocity and turn, m/s^2 and rad/s^2.
 MOST_CHANGE = np.array(VehicleLimits.acceleration)
+# Nearer to where the leader is expected, m, and less turned, rad, a lamp is no other vehicle's, as
+# there is no room for one.
+ROOM = np.repeat([0.5, 0.1], [3, 2])
 
 
 class OtherLamp:
@@ -70,6 +73,6 @@ def within_reach(off: Array, spread: Array, since_s: float) -> bool:
 
     - off: of its place, m, and heading, rad, ``(5,)``; spread: its covariance, ``(5, 5)``.
     """
-    reach = MOST_CHANGE * since_s**2 / 2
+    reach = ROOM + MOST_CHANGE * since_s**2 / 2
     spread = spread + np.diag(np.square(reach)) / chdtri(1, CHANCE)
     return float(off @ np.linalg.solve(spread, off)) <= chdtri(5, CHANCE)

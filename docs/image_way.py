@@ -184,7 +184,7 @@ def image_way() -> str:
     estimates = [estimator.estimate(image) for image in seen]
     guide = guide_of(model, STARTS, np.inf)
     problem = frame_kinds(model, *pose_prior(scene))[0].problem._replace(readings=seen[0].ravel())
-    rows, _ = nearest_rows(guide.units, direction(problem, guide), STARTS)
+    rows, _ = nearest_rows(guide.units, direction(problem.readings, guide), STARTS)
     paths, minimum = descents(problem, guide, rows)
     panels = (
         ("1  An image, counts", "forward/model.py", readings, (seen[0],)),

@@ -109,7 +109,7 @@ def test_the_nodes_of_a_wired_array_see_what_those_of_a_right_one_see(lab, tmp_p
     """The simulator sends readings as they are wired; the feature node sets them right."""
     scene, path = load_scene("follow"), tmp_path / "wired.yaml"
     save_scene(changed(scene, array={"wiring": WIRED}), path, "Wired.")
-    lab.begin({"scene": str(path), "simulator_node:seed": 5})
+    lab.begin({"scene": str(path), "simulator_node:seed": 5, "simulator_node:draw_sea": False})
     for node in (SimulatorNode, FeatureNode):
         lab.start(node)
     talkers = [lab.talk(Odometry, f"{name}/odometry") for name in ("leader", "follower")]

@@ -24,7 +24,7 @@ lamp:
 
 effects:
   # what the diver saw
-  sensor_noise: {sigma_counts: 2}  # loud
+  sensor_noise: {sigma_counts: 2, relative: 0}  # loud
 """
 
 

@@ -202,7 +202,7 @@ def detector_faults(image, array, dead, stuck, stuck_counts):
 # In the electronics: the variance of a reading by its light, and what becomes of a reading.
 
 
-def sensor_noise(light, sigma_counts, relative):
+def sensor_noise(light, sigma_counts, relative=0.0):
     return sigma_counts**2
 
 
@@ -336,7 +336,7 @@ def image_of(scene, power, effects, pose, roll=0.0, time_s=None, offsets=None):
     lamp = dict(scene["lamp"])
     lamp["beam_sigma_deg"] += offsets.get("lamp.beam_sigma_deg", 0.0)
     readings = []
-    from_light = [pose[0] - lamp["behind_m"], *pose[1:]]
+    from_light = [pose[0] - lamp.get("behind_m", 0.0), *pose[1:]]
     for ray in rays(array, from_light, roll, time_s):
         if "sea" in effects:
             flux = through_sea(ray, lamp["beam_sigma_deg"], **effects["sea"])
@@ -355,7 +355,7 @@ def image_of(scene, power, effects, pose, roll=0.0, time_s=None, offsets=None):
         readings.append(light)
     side = array["detectors_per_side"]
     shades, daylight = unnamed(side, effects, offsets)
-    daylight = daylight + lamp["floor_counts"]
+    daylight = daylight + lamp.get("floor_counts", 0.0)
     image = (np.array(readings) * shades + daylight).reshape(side, side)
     for name, step in ARRAY.items():
         if name in effects and not (name == "ambient" and "demodulation" in effects):

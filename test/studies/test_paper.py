@@ -100,7 +100,8 @@ def test_noise_is_the_mean_angle_between_noisy_rounded_readings():
 def test_the_noise_replaces_that_of_any_scene():
     effects = {"shot_noise": {"electrons_per_count": 50.0}, "adc": {"bits": 12}}
     found = paper.noisy(scene_with(effects))
-    assert found.effects == {"sensor_noise": {"sigma_counts": 1.0}, "adc": {"bits": 10}}
+    noise = {"sigma_counts": 1.0, "relative": 0.0}
+    assert found.effects == {"sensor_noise": noise, "adc": {"bits": 10}}
 
 
 def test_what_has_no_number_is_flat_and_met_by_nobody():

@@ -134,6 +134,15 @@ def fit_believed(problem: Problem, at: Array, squares: Array) -> tuple[float, Ar
     return total, at
 
 
+def out_of(weights: Array, detectors: int) -> int:
+    """Count the detectors that are not believed."""
+    count = 0
+    for d in range(detectors):
+        if weights[d] < 0.5:
+            count += 1
+    return count
+
+
 def disbelieve(problem: Problem, guide: Guide) -> tuple[Array, float]:
     """Write the weights of readings where one pose explains most of them, by the best of starts.
 
@@ -158,21 +167,22 @@ def disbelieve(problem: Problem, guide: Guide) -> tuple[Array, float]:
     for row in rows:
         weights[:] = 1.0
         cost, there = fit_believed(problem, start_at(problem, guide.poses[row]), squares)
-        doubted = 0
-        for d in range(detectors):
-            doubted += 1 if weights[d] < 0.5 else 0
-        if cost < least and doubted <= most:
+        if cost < least and out_of(weights, detectors) <= most:
             least, best, at = cost, weights.copy(), there
     # Where a detector is dark, another pose may have turned it away: is it dead instead?
     dark = 3 * np.sqrt(noise.variance)
     for d in range(detectors):
-        if best[d] >= 0.5 and readings[d::detectors].max() <= dark:
-            for j in range(len(weights)):
-                weights[j] = best[j] if j % detectors != d else 0.0
-            there = refine(problem, at, STEPS).parts[AT].copy()
-            cost, there = fit_believed(problem, there, squares)
-            if cost < least and (weights[:detectors] < 0.5).sum() <= most:
-                least, best, at = cost, weights.copy(), there
+        brightest = 0.0
+        for j in range(d, len(readings), detectors):
+            brightest = max(brightest, readings[j])
+        if best[d] < 0.5 or brightest > dark:
+            continue
+        for j in range(len(weights)):
+            weights[j] = best[j] if j % detectors != d else 0.0
+        there = refine(problem, at, STEPS).parts[AT].copy()
+        cost, there = fit_believed(problem, there, squares)
+        if cost < least and out_of(weights, detectors) <= most:
+            least, best, at = cost, weights.copy(), there
     light = light_at(problem, at)
     for j in range(len(weights)):
         weights[j] = best[j]

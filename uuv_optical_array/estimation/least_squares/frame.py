@@ -175,10 +175,8 @@ def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> tuple[l
 
     Where the first starts lead to rivals or to a fit that noise can hardly explain, more follow.
     """
-    few, most = (
-        not guide.gaussian and lit(problem.readings, problem.noise) < FEW_LIT,
-        guide.units.shape[1],
-    )
+    few = not guide.gaussian and lit(problem.readings, problem.noise) < FEW_LIT
+    most = guide.units.shape[1]
     rows, count, steps = nearest, guide.candidates, MOST_STEPS
     if few:
         count, steps = min(MOST_STARTS, most), FEW_STEPS

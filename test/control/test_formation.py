@@ -64,10 +64,11 @@ def test_follow_of_the_path_with_late_noisy_poses():
     # five standard deviations, of other noise, above the mean.
     assert (np.abs(errors).max(axis=0) < [1.4, 0.5, 0.5, 12.5, 11]).all()
     settled = errors[400:]
-    assert (np.sqrt((settled**2).mean(axis=0)) < [0.16, 0.2, 0.2, 3.8, 3.8]).all()
-    assert (np.abs(settled).max(axis=0) < [0.55, 0.5, 0.5, 12.5, 11]).all()
+    assert (np.sqrt((settled**2).mean(axis=0)) < [0.16, 0.14, 0.14, 3.8, 3.8]).all()
+    assert (np.abs(settled).max(axis=0) < [0.55, 0.43, 0.43, 12.5, 11]).all()
     acceleration = np.diff(commands[400:], axis=0) / TICK_S
-    assert (acceleration[:, :3].std(axis=0) < 0.19).all()
+    # A leader's turns swing the station, so that noise of pitch and yaw is in sway and heave.
+    assert (acceleration[:, :3].std(axis=0) < [0.19, 0.28, 0.28]).all()
     assert (np.degrees(acceleration[:, 4:]).std(axis=0) < 4.0).all()
 
 

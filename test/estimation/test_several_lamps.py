@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from fits import frame_of, guide_from, guide_to, kinds_of, pose_prior
+from fits import frame_of, guide_from, guide_to, kinds_of
 from scenes import changed, squared_error, with_prior
 from scipy.integrate import trapezoid
 
@@ -14,7 +14,7 @@ from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOWHERE, ONE_STEP
-from uuv_optical_array.estimation.least_squares.image_fit import CLEAR
+from uuv_optical_array.estimation.least_squares.image_fit import CLEAR, pose_prior
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
 from uuv_optical_array.estimation.least_squares.problem import light_at, start_at
 from uuv_optical_array.estimation.signature.features import key_parameters

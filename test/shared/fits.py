@@ -11,17 +11,9 @@ from uuv_optical_array.estimation.least_squares.frame import (
     estimate_frame,
 )
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
-from uuv_optical_array.estimation.least_squares.image_fit import PRIOR_HALF_EXTENTS, ImageFit
+from uuv_optical_array.estimation.least_squares.image_fit import ImageFit, pose_prior
 from uuv_optical_array.estimation.least_squares.starts import guide_of
-from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.forward.model import ForwardModel
-
-
-def pose_prior(scene):
-    """Return mean and standard deviation of the pose, far wider than the table of a scene."""
-    ends = np.array([(axis[0], axis[-1]) for axis in grid_axes(scene.table)])
-    half = np.maximum((ends[:, 1] - ends[:, 0]) / 2, 0.2)
-    return ends.mean(axis=1), PRIOR_HALF_EXTENTS * half
 
 
 def kinds_of(model):

@@ -109,8 +109,7 @@ class Acceptance(TorchSweeps):
         lamp = np.array([readings for _, readings in self._lamp])[part][..., wiring]
         level, noise, freedoms = dark.mean(axis=0), dark.std(axis=0, ddof=1), len(dark) - 1
         # The daylight, too, has shot noise; a gain is the same in all images.
-        own = model.noise._replace(square=model.analogue_noise.square)
-        sigma = np.sqrt(reading_variance(level, own))
+        sigma = np.sqrt(reading_variance(level, model.own_noise))
         most = MAX_NOISE * sigma * np.sqrt(chdtri(freedoms, FALSE_ALARM) / freedoms)
         middle, steps = float(np.median(level)), np.diff(stamps)
         leaks, bright = np.abs(level - middle) > MAX_LEVEL * full, lamp.mean(axis=0) >= full - 1
@@ -133,7 +132,7 @@ class Acceptance(TorchSweeps):
             whole.append(f"{names}: no light: switch it on, or check its channel")
             return Verdict(found, whole, darkness)
         total = lamp.sum(axis=2)
-        noisy = reading_variance(lamp.mean(axis=0), own).sum(axis=1)
+        noisy = reading_variance(lamp.mean(axis=0), model.own_noise).sum(axis=1)
         flickers = np.sqrt(np.maximum(total.var(axis=0) - noisy, 0.0)) / light.sum(axis=1)
         for k in np.flatnonzero(flickers > MAX_FLICKER).tolist():
             name = f"lamps[{k}]" if scene.lamps else "the lamp"

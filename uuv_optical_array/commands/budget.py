@@ -45,8 +45,7 @@ def rows(scene: Scene, ranges_m: Any) -> Array:
     """Return brightest reading, its noise, and bounds in range, across and in angle, ``(n, 5)``."""
     model, poses = ForwardModel(scene), aligned(ranges_m)
     light = model.light(poses).max(axis=(-2, -1))
-    own = model.noise._replace(square=model.analogue_noise.square)
-    noise = np.sqrt(reading_variance(light, own))
+    noise = np.sqrt(reading_variance(light, model.own_noise))
     std = cramer_rao_bound(model, poses).std * IN_DEGREES
     return np.column_stack([light, noise, std[:, 0], std[:, 1:3].max(1), std[:, 3:].max(1)])
 

@@ -75,6 +75,8 @@ class ForwardModel:
     ----------
     noise : optics.ReadingNoise
         Of a reading, rounding and what the scene's prior does not know of gains and beam included.
+    own_noise : optics.ReadingNoise
+        Of a reading by known gains and beam, rounding included.
     analogue_noise : optics.ReadingNoise
         Of a reading before it is rounded.
     saturation_counts : float
@@ -129,9 +131,8 @@ class ForwardModel:
             low, high, rounding = 0.0, float(np.rint(min(converter.largest, high))), 1 / 12
         black = scene.black_counts
         self.analogue_noise = ReadingNoise(variance, slope, low, high, square, black)
-        self.noise = self.analogue_noise._replace(
-            variance=variance + rounding, square=scene.prior.spread**2 + square
-        )
+        self.own_noise = self.analogue_noise._replace(variance=variance + rounding)
+        self.noise = self.own_noise._replace(square=scene.prior.spread**2 + square)
         named = [form.nuisance for form in self._of(forms.Transmission)]
         named += [form.nuisance for kind in (Background, Gain) for form in self._of(kind)]
         if self._of(forms.Scattering):

@@ -78,7 +78,7 @@ class Lineariser:
         self._size = 5 + len(constants)
         self._roll = 5 + constants.index(ROLL) if ROLL in constants else None
         self._optics = model.optics(constants)
-        self._noise = model.noise._replace(square=model.analogue_noise.square)
+        self._noise = model.own_noise
         self._write: Callable[..., None] = write_linear
         if compiled:
             count = math.prod(model.image_shape)

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.calibration.noise_fit import noise_of
 from uuv_optical_array.calibration.parameters import AIM_NAMES
 from uuv_optical_array.calibration.result import Calibration
 from uuv_optical_array.core.geometry import Array
@@ -88,8 +89,8 @@ class Lamp(NamedTuple):
     @property
     def noise(self) -> tuple[float, float]:
         """Noise of readings, counts, and as a share of them."""
-        noise = self.found.scene.effects["sensor_noise"]
-        return noise["sigma_counts"], noise["relative"]
+        sigma, relative = noise_of(self.found.scene).tolist()
+        return sigma, relative
 
 
 def read_room(path: Path) -> Room:
@@ -159,7 +160,7 @@ def lamp_of(room: Room, i: int) -> Lamp:
         .model()
         .light(poses_below(room.places, place))[:, 0, 0]
     )
-    sigma, relative = found.scene.effects["sensor_noise"].values()
+    sigma, relative = noise_of(found.scene).tolist()
     near = np.linalg.norm(room.places - place, axis=1) < NEAR_M
     residuals = (readings - light) / np.hypot(sigma, relative * light)
     pattern = pattern_of(room.places[near], residuals[near])

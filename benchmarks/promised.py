@@ -24,8 +24,10 @@ from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.recording.images import read_recording
 from uuv_optical_array.studies import accuracy as accuracy_study
 from uuv_optical_array.studies import drives as drives_study
-from uuv_optical_array.studies import envelope, mismatches, robustness
-from uuv_optical_array.studies.closed_loop_kinds import kinds_named
+from uuv_optical_array.studies import envelope, robustness
+from uuv_optical_array.studies.closed_loops.kinds import kinds_named as troubles_named
+from uuv_optical_array.studies.mismatches.kinds import Kind
+from uuv_optical_array.studies.mismatches.kinds import kinds_named as mismatches_named
 from uuv_optical_array.studies.shared.errors import range_across_angle
 
 SEED = 1  # of every study, as of its page
@@ -87,10 +89,10 @@ def drives() -> Figures:
 
 
 @cache
-def _false_of_kinds() -> dict[mismatches.Kind, int]:
+def _false_of_kinds() -> dict[Kind, int]:
     """Return how many of `FRAMES` images of each kind of mismatch are false."""
     scene = load_scene("follow")
-    estimator, kinds = Estimator(scene).wait(), mismatches.kinds_named(None, scene)
+    estimator, kinds = Estimator(scene).wait(), mismatches_named(None, scene)
 
     def measured(i: int) -> int:
         (row,) = robustness.measure(estimator, kinds[i : i + 1], FRAMES, SEED)
@@ -227,7 +229,7 @@ def damaged(content: bytes, kind: int, rng: np.random.Generator) -> bytes:
 @cache
 def closed_loop(names: str) -> Figures:
     """Return what became of followers in kinds of trouble of `study envelope`, between commas."""
-    rows = list(envelope.measure(kinds_named(names), SEEDS, SEED, "kinematic"))
+    rows = list(envelope.measure(troubles_named(names), SEEDS, SEED, "kinematic"))
     return {
         "lost": sum(row["lost"] for row in rows),
         "off": max(row["off_m"] for row in rows),

@@ -19,8 +19,8 @@ from uuv_optical_array import Estimator, load_scene
 from uuv_optical_array.control.follow_states import COLOURS
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.plots.style import IMAGES, new_figure
-from uuv_optical_array.studies.closed_loop_kinds import kinds_named
-from uuv_optical_array.studies.closed_loop_runs import STEP_S, Kind, loop_of
+from uuv_optical_array.studies.closed_loops.kinds import kinds_named
+from uuv_optical_array.studies.closed_loops.runs import STEP_S, Kind, loop_of
 
 BEFORE_S, AFTER_S = 5.0, 12.0  # shown before the trouble and after it
 STEPS = 4  # of the loop, a frame

@@ -39,8 +39,8 @@ from uuv_optical_array.forward.scene import GROUPS
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
 from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, FOLLOWER, FORMATION
 from uuv_optical_array.nodes.shared import reasons
-from uuv_optical_array.studies.closed_loop_kinds import KINDS as TROUBLES
-from uuv_optical_array.studies.mismatches import KINDS
+from uuv_optical_array.studies.closed_loops.kinds import KINDS as TROUBLES
+from uuv_optical_array.studies.mismatches.kinds import KINDS
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs/reference"

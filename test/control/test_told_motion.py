@@ -23,7 +23,7 @@ from uuv_optical_array.control.told_motion import (
 )
 from uuv_optical_array.control.vehicles import Vehicle
 from uuv_optical_array.core.geometry import relative_pose
-from uuv_optical_array.studies.modem import LATE_S, PERIOD_S, STDS, Modem
+from uuv_optical_array.studies.closed_loops.modem import LATE_S, PERIOD_S, STDS, Modem
 
 POSE = np.array([-4.5, 0.8, -0.4, 0.2, -0.3])
 TWIST = np.array([0.5, 0.1, -0.2, 0.1, 0.3])  # without the roll rate

@@ -8,7 +8,7 @@ from pages import ROOT
 from PIL import Image
 
 from uuv_optical_array.control.follow_states import COLOURS
-from uuv_optical_array.studies.closed_loop_kinds import kinds_named
+from uuv_optical_array.studies.closed_loops.kinds import kinds_named
 
 
 @pytest.fixture

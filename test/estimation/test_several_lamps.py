@@ -22,7 +22,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import BEAM_SIGMA, ROLL
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses
-from uuv_optical_array.studies.mismatches import kinds_named
+from uuv_optical_array.studies.mismatches.kinds import kinds_named
 
 # Without the aim of the whole lamp and of the array, which no image tells.
 SCENE = with_prior(load_scene("leading_lights"), aim_std_deg=0.0, lamp_aim_std_deg=0.0)

@@ -30,7 +30,7 @@ from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.shared.messages import image_to_message
-from uuv_optical_array.studies.mismatches import kinds_named
+from uuv_optical_array.studies.mismatches.kinds import kinds_named
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 HERE = np.array([-6.0, 0.1, 0.1, 0.02, 0.03])

@@ -9,8 +9,8 @@ import pytest
 from command_line import begun, ended
 
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies import closed_loop_kinds
-from uuv_optical_array.studies.mismatches import kinds_named
+from uuv_optical_array.studies.closed_loops import kinds as closed_loop_kinds
+from uuv_optical_array.studies.mismatches.kinds import kinds_named
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.design import Design, sweep_of
+from uuv_optical_array.studies.designs.sweep import Design, sweep_of
 
 PLANAR = Design("planar", 5, 0.3, None, 6.0, 1, 0.0, 0.0)
 CURVED = Design("curved", 4, 0.3, 0.25, 11.0, 1, 0.0, 0.0)

@@ -18,20 +18,16 @@ from hypothesis import strategies as st
 from matplotlib.text import Annotation
 
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies import design
-from uuv_optical_array.studies.design import (
-    Choice,
-    Design,
+from uuv_optical_array.studies.designs import scores
+from uuv_optical_array.studies.designs.choice import Choice, front, report
+from uuv_optical_array.studies.designs.picture import draw
+from uuv_optical_array.studies.designs.scores import (
     ScoredDesign,
-    designed,
-    designs_of,
-    draw,
-    front,
     origin,
-    report,
     scored,
     scored_before,
 )
+from uuv_optical_array.studies.designs.sweep import Design, designed, designs_of
 from uuv_optical_array.studies.shared.results import write
 
 FOLLOW = load_scene("follow")
@@ -121,7 +117,7 @@ def whole():
 @pytest.fixture
 def heard(monkeypatch):
     """List the designs that are scored; a number appended to `heard.stop` presses Ctrl-C there."""
-    score = design.score
+    score = scores.score
 
     class Heard(list):
         stop, end = None, KeyboardInterrupt
@@ -134,7 +130,7 @@ def heard(monkeypatch):
         heard.append(Design.of(scene))
         return score(scene, *others)
 
-    monkeypatch.setattr(design, "score", counted)
+    monkeypatch.setattr(scores, "score", counted)
     return heard
 
 

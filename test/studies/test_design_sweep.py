@@ -21,14 +21,8 @@ from uuv_optical_array.forward.lamps import lamps_in_numbers, ring_of_lamps
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import HIGH, LOW, uniform_poses
-from uuv_optical_array.studies.design import (
-    Design,
-    designed,
-    designs_of,
-    score,
-    signature_noise_deg,
-    sweep_of,
-)
+from uuv_optical_array.studies.designs.scores import score, signature_noise_deg
+from uuv_optical_array.studies.designs.sweep import Design, designed, designs_of, sweep_of
 
 FOLLOW = load_scene("follow")
 

@@ -17,9 +17,9 @@ from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies import closed_loop_figures, envelope
-from uuv_optical_array.studies.closed_loop_kinds import KINDS, dim_aside, kinds_named
-from uuv_optical_array.studies.closed_loop_runs import ALONE, OBEDIENT, Run, loop_of, run_kind
-from uuv_optical_array.studies.leader_courses import at, turning
+from uuv_optical_array.studies.closed_loops.kinds import KINDS, dim_aside, kinds_named
+from uuv_optical_array.studies.closed_loops.leader_courses import at, turning
+from uuv_optical_array.studies.closed_loops.runs import ALONE, OBEDIENT, Run, loop_of, run_kind
 from uuv_optical_array.studies.shared.results import until_interrupted
 
 run = functools.partial(command_line.run, "study", "envelope")

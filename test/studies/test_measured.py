@@ -11,10 +11,10 @@ from pages import ROOT
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import PRIORS
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies import measured_poses
-from uuv_optical_array.studies.measured_poses import positions, relative_error, virtual_array
-from uuv_optical_array.studies.measured_report import report_room
-from uuv_optical_array.studies.measured_room import (
+from uuv_optical_array.studies.measured_light import poses as measured_poses
+from uuv_optical_array.studies.measured_light.poses import positions, relative_error, virtual_array
+from uuv_optical_array.studies.measured_light.report import report_room
+from uuv_optical_array.studies.measured_light.room import (
     FULL,
     HEIGHT_M,
     LAMPS,

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import DAY_S, uniform_poses
-from uuv_optical_array.studies import mismatches
-from uuv_optical_array.studies.mismatches import KINDS, SHIPPED, kinds_named
+from uuv_optical_array.studies.mismatches import kinds
+from uuv_optical_array.studies.mismatches.kinds import KINDS, SHIPPED, kinds_named
 
 POSES = uniform_poses(4, np.random.default_rng(3))
 BY_NAME = {kind.name: kind for kind in KINDS}
@@ -232,7 +232,7 @@ def test_noise_is_uniform_and_blobs_are_gaussian():
 def test_poses_nearer_and_farther_aside_than_the_table():
     poses, near, aside = (
         draw(100, np.random.default_rng(1))
-        for draw in (uniform_poses, mismatches.near_poses, mismatches.aside_poses)
+        for draw in (uniform_poses, kinds.near_poses, kinds.aside_poses)
     )
     np.testing.assert_allclose(near[:, 0], -2)
     np.testing.assert_allclose(near[:, 1:3] / 2, -poses[:, 1:3] / poses[:, :1])

@@ -15,7 +15,7 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies import robustness
-from uuv_optical_array.studies.mismatches import KINDS, kinds_named
+from uuv_optical_array.studies.mismatches.kinds import KINDS, kinds_named
 from uuv_optical_array.studies.shared.errors import FrameErrors
 from uuv_optical_array.studies.shared.results import until_interrupted
 

@@ -30,9 +30,9 @@ from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots.style import mark, new_figure, plain_log_ticks, save
-from uuv_optical_array.studies.closed_loop_figures import KEPT_M, figures
-from uuv_optical_array.studies.closed_loop_kinds import kinds_named
-from uuv_optical_array.studies.closed_loop_runs import ALONE, Kind, Model, Run, run_kind
+from uuv_optical_array.studies.closed_loops.figures import KEPT_M, figures
+from uuv_optical_array.studies.closed_loops.kinds import kinds_named
+from uuv_optical_array.studies.closed_loops.runs import ALONE, Kind, Model, Run, run_kind
 from uuv_optical_array.studies.shared.results import until_interrupted
 
 COLOURS: dict[str, str] = {"kept": "#2c9c5a", "strayed": "#e0a800", "lost": "#c8401e"}

@@ -20,9 +20,9 @@ from typing import Any
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.studies.measured_lamps import files_in, measure_lamps, report_lamps
-from uuv_optical_array.studies.measured_report import measure_room, report_room
-from uuv_optical_array.studies.measured_room import FILE
+from uuv_optical_array.studies.measured_light.lamps import files_in, measure_lamps, report_lamps
+from uuv_optical_array.studies.measured_light.report import measure_room, report_room
+from uuv_optical_array.studies.measured_light.room import FILE
 from uuv_optical_array.studies.shared.results import until_interrupted
 
 POSES = 200

@@ -27,7 +27,7 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.plots.style import mark, new_figure, plain_log_ticks, save
-from uuv_optical_array.studies.mismatches import Kind, kinds_named
+from uuv_optical_array.studies.mismatches.kinds import Kind, kinds_named
 from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors, errors_of
 from uuv_optical_array.studies.shared.results import until_interrupted
 

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.control.fleet import vee
-from uuv_optical_array.studies.closed_loop_runs import Beside, Kind
-from uuv_optical_array.studies.leader_courses import (
+from uuv_optical_array.studies.closed_loops.leader_courses import (
     RAMP_M_PER_S2,
     RAMP_S,
     SPEED,
@@ -21,6 +20,7 @@ from uuv_optical_array.studies.leader_courses import (
     speeds,
     turning,
 )
+from uuv_optical_array.studies.closed_loops.runs import Beside, Kind
 
 SINCE_S = 15.0
 AFTER_S = 45.0  # that a run lasts, from when all is as it will stay

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from uuv_optical_array.control.darkness import DOUBT
 from uuv_optical_array.control.following import STATES
 from uuv_optical_array.core.storage.formats import plain
-from uuv_optical_array.studies.closed_loop_runs import Kind, Run
+from uuv_optical_array.studies.closed_loops.runs import Kind, Run
 from uuv_optical_array.studies.shared.errors import SIGMAS
 
 KEPT_M = 1.0  # a follower that was never farther off has kept its leader

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.core.storage.formats import columns, plain
-from uuv_optical_array.studies.measured_poses import positions, virtual_array
-from uuv_optical_array.studies.measured_room import (
+from uuv_optical_array.studies.measured_light.poses import positions, virtual_array
+from uuv_optical_array.studies.measured_light.room import (
     ANGLES_DEG,
     CLEAR,
     LAMPS,

@@ -30,8 +30,8 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.others import Other
 from uuv_optical_array.forward.prior import SCATTERING, power_offsets
 from uuv_optical_array.forward.scene import scene_from_settings
-from uuv_optical_array.studies.leader_courses import Points, at
-from uuv_optical_array.studies.modem import Modem
+from uuv_optical_array.studies.closed_loops.leader_courses import Points, at
+from uuv_optical_array.studies.closed_loops.modem import Modem
 
 Model = Literal["kinematic", "bluerov2"]
 VEHICLES: dict[Model, type[Vehicle]] = {"kinematic": Vehicle, "bluerov2": BlueRov2}

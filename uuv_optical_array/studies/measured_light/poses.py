@@ -14,7 +14,7 @@ from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.layouts.detectors import Layout, layout_of, of_scene, with_power
 from uuv_optical_array.layouts.poses import PoseFit
 from uuv_optical_array.recording.places import LEAST_STD
-from uuv_optical_array.studies.measured_room import (
+from uuv_optical_array.studies.measured_light.room import (
     HEIGHT_M,
     NOISE,
     PHOTODIODE,

@@ -1,0 +1,1 @@
+"""How what the array sees can differ from what the scene says."""

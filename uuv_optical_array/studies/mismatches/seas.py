@@ -1,0 +1,211 @@
+"""Seas that differ from the scene: the light of each at the detectors.
+
+Noise and electronics are those of the scene; the lamp keeps its power where another setting is off.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial.legendre import legvander2d
+
+from uuv_optical_array.calibration.aims import appearing
+from uuv_optical_array.core.geometry import PITCH, Array, X, Z, rotation_matrix
+from uuv_optical_array.forward import prior
+from uuv_optical_array.forward.model import ForwardModel
+
+# Products of Legendre polynomials over the array, by their degrees: its smooth uneven modes.
+MODES = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+# When modulated lamps are sampled, s; the carriers are as many periods of a frame, and one apart.
+FRAME_S, SAMPLES, CARRIER_HZ = 0.1, 3360, 1000.0
+TIMES_S = (np.arange(SAMPLES) + 0.5) * FRAME_S / SAMPLES
+WAVES_HZ, WAVES_COUNTS = 5.0, 120.0  # of daylight, 30 % of 400 counts
+
+
+class Sea(NamedTuple):
+    """A scene's model, poses ``(n, 5)``, and the source of what differs at random."""
+
+    model: ForwardModel
+    poses: Array
+    rng: np.random.Generator
+
+    def light(self) -> Array:
+        """Return the light of the scene itself, counts, shape ``(n, side, side)``."""
+        return self.model.light(self.poses)
+
+    def offset(self, name: str, by: float) -> Array:
+        """Return the light where a constant is off, as `ForwardModel.light` has its offsets."""
+        return self.model.light(self.poses, 0.0, {name: np.array(by)})
+
+    def lamps_and_rest(self) -> tuple[Array, Array]:
+        """Return the light of each lamp, and that of all else, ``(n, L, side, side)``."""
+        side, dark = self.model.array.side, self.offset(prior.POWER, -np.inf)
+        light, rest = (it.reshape(len(it), -1, side, side) for it in (self.light(), dark))
+        return light - rest, rest
+
+    def image(self, lights: Array) -> Array:
+        """Return light on the array, ``(n, L or 1, side, side)``, as an image of all lamps."""
+        count, _, side, _ = lights.shape
+        every = np.broadcast_to(lights, (count, self.model.scene.lamp_count, side, side))
+        return every.reshape(count, -1, side)
+
+    def aside(self, port_m: float = 0.0, above_m: float = 0.0) -> Array:
+        """Return the light of lamps that are so far from the scene's, ``(n, L, side, side)``."""
+        beside = self.poses - np.array([0.0, port_m, above_m, 0.0, 0.0])
+        return self._replace(poses=beside).lamps_and_rest()[0]
+
+    def detected(self, signals: Array, carrier_hz: float = CARRIER_HZ) -> Array:
+        """Return what each lamp's detection reads of signals at `TIMES_S`, ``(n, L, 1, 1)``."""
+        scene = self.model.scene
+        waveform, lamps = scene.effects["demodulation"]["waveform"], scene.lamp_count
+        if waveform == "slots":
+            slots = [modulated(waveform, carrier_hz * TIMES_S, i, lamps) for i in range(lamps + 1)]
+            references = (np.array(slots[:-1]) - slots[-1]) / (lamps + 1)
+        else:
+            carriers_hz = carrier_hz + np.arange(lamps)[:, None] / FRAME_S
+            size = 2.0 if waveform == "sine" else np.pi / 2
+            references = size * np.sin(2 * np.pi * carriers_hz * TIMES_S)
+        return (signals @ references.T / SAMPLES)[..., None, None]
+
+
+def modulated(waveform: str, turns: Array, i: int, lamps: int) -> Array:
+    """Return the light of lamp i, of mean 1, by the phase of its carrier or of the slots, turns."""
+    if waveform == "slots":
+        return np.where(np.floor(turns % 1 * (lamps + 1)) == i, lamps + 1.0, 0.0)
+    sine = np.sin(2 * np.pi * turns)
+    return 1 + sine if waveform == "sine" else np.where(sine > 0, 2.0, 0.0)
+
+
+# Light at the detectors, counts, shape (n, side, side), in a sea that differs `by` so much.
+
+
+def second_lamp(sea: Sea, by: float, port_m: float = 0.0, above_m: float = 0.0) -> Array:
+    """Add another lamp, parallel to the first, of a share of its power."""
+    return sea.light() + by * sea.image(sea.aside(port_m, above_m))
+
+
+def waves(sea: Sea, by: float) -> Array:
+    """Add daylight that waves modulate, in each detector its own phase; carriers from `by`, Hz."""
+    turns = WAVES_HZ * TIMES_S + np.array([[0.0], [0.25]])
+    leak = WAVES_COUNTS * sea.detected(np.sin(2 * np.pi * turns), by)
+    side = sea.model.array.side
+    phase = sea.rng.uniform(0, 2 * np.pi, (len(sea.poses), 1, side, side))
+    return sea.light() + sea.image(np.cos(phase) * leak[0] + np.sin(phase) * leak[1])
+
+
+def another_leader(sea: Sea, by: float, off_hz: float = 0.0) -> Array:
+    """Add another leader's lamps of a share of the power, 0.3 m to port and of a random phase."""
+    scene = sea.model.scene
+    turns = (CARRIER_HZ + off_hz) * TIMES_S + sea.rng.uniform(size=(len(sea.poses), 1))
+    signals = modulated(scene.effects["demodulation"]["waveform"], turns, 0, scene.lamp_count)
+    lamp = by * sea.aside(port_m=0.3).sum(axis=1, keepdims=True)
+    return sea.light() + sea.image(sea.detected(signals) * lamp)
+
+
+def late_slots(sea: Sea, by: float) -> Array:
+    """Let each lamp light up and go out a share of a slot too late."""
+    lamps, rest = sea.lamps_and_rest()
+    # A lamp shines into the slot of the next one, and the last one into that for daylight.
+    before = np.concatenate([0 * lamps[:, :1], lamps[:, :-1]], axis=1)
+    return sea.image((1 - by) * lamps + by * (before - lamps[:, -1:]) + rest)
+
+
+def one_lamp(sea: Sea, by: float) -> Array:
+    """Let one of several lamps, in each frame another, have a share of its power."""
+    lamps, rest = sea.lamps_and_rest()
+    lamps[np.arange(len(lamps)), sea.rng.integers(lamps.shape[1], size=len(lamps))] *= by
+    return sea.image(lamps + rest)
+
+
+def other_gains(sea: Sea, by: float) -> Array:
+    """Give each detector a gain of its own, in each frame another."""
+    side = sea.model.array.side
+    gains = 1 + by * sea.rng.standard_normal((len(sea.poses), side, side))
+    return sea.model.with_gains(sea.light(), np.maximum(gains, 0.0))
+
+
+def response_power(percent: float) -> float:
+    """Return the power of the cosine by which detectors read so much less at 30 deg."""
+    return float(np.log(1 - percent / 100) / np.log(np.cos(np.radians(30))))
+
+
+def one_detector(sea: Sea, full_scales: float) -> Array:
+    """Let one detector, in each frame another, read a constant."""
+    image = sea.light()
+    row, column = sea.rng.integers(sea.model.array.side, size=(2, len(image)))
+    image[np.arange(len(image)), row, column] = full_scales * sea.model.scene.full_scale_counts
+    return image
+
+
+def some_detectors(sea: Sea, number: int, gain: float = 1.0, counts: float = 0.0) -> Array:
+    """Let some detectors, in each frame others, read a share of their light, or more of it."""
+    image = sea.light()
+    flat = image.reshape(len(image), -1)
+    every = np.tile(np.arange(flat.shape[1]), (len(flat), 1))
+    frame, chosen = np.arange(len(flat))[:, None], sea.rng.permuted(every, axis=1)[:, :number]
+    flat[frame, chosen] = gain * flat[frame, chosen] + counts
+    return image
+
+
+def two_rows(sea: Sea, gain: float) -> Array:
+    """Let two neighbouring rows, in each frame others, read a share of their light."""
+    side, count = sea.model.array.side, len(sea.poses)
+    first, row = sea.rng.integers(side - 1, size=(count, 1, 1)), np.arange(side)[:, None]
+    gains = np.where((row == first) | (row == first + 1), gain, 1.0)
+    return sea.model.with_gains(sea.light(), np.broadcast_to(gains, (count, side, side)))
+
+
+def wider(sea: Sea, by: float) -> Array:
+    """Let the array be wider, on the same sphere and under the same lamp."""
+    scene = sea.model.scene
+    array = dataclasses.replace(scene.array, width_m=by * scene.array.width_m)
+    wide = ForwardModel(dataclasses.replace(scene, array=array))
+    return sea._replace(model=wide).offset(prior.POWER, np.log(sea.model.power / wide.power))
+
+
+def turned_lamp(sea: Sea, by: float) -> Array:
+    """Turn the lamp to port, deg."""
+    aims, bow_m = np.radians([0.0, by, 0.0, 0.0]), sea.model.scene.array.bow_m
+    poses, rolls, _ = appearing(sea.poses, np.zeros(len(sea.poses)), aims, bow_m)
+    return sea.model.light(poses, rolls)
+
+
+def turned_mount(sea: Sea, by: float) -> Array:
+    """Turn the array about its middle, deg, in each frame in another direction."""
+    direction = sea.rng.uniform(0, 2 * np.pi, len(sea.poses))
+    aimed = sea.poses.copy()
+    aimed[:, PITCH:] += np.radians(by) * np.stack([np.sin(direction), np.cos(direction)], axis=1)
+    # Where base_link would be if it turned with the array.
+    before, after = (rotation_matrix(*at[:, PITCH:].T)[..., X] for at in (sea.poses, aimed))
+    aimed[:, : Z + 1] += sea.model.scene.array.bow_m * (before - after)
+    return sea.model.light(aimed)
+
+
+def shade(sea: Sea, by: float) -> Array:
+    """Shade the lamp unevenly and smoothly, the logarithm off by so much over the array, RMS."""
+    column, row = prior.over_array(sea.model.array.side)
+    modes = np.stack([legvander2d(column, row, degrees)[..., -1] for degrees in MODES])
+    modes /= np.sqrt(np.mean(modes**2, axis=(1, 2), keepdims=True))
+    depths = sea.rng.standard_normal((len(sea.poses), len(MODES))) * by / np.sqrt(len(MODES))
+    lamps, rest = sea.lamps_and_rest()
+    return sea.image(lamps * np.exp(np.tensordot(depths, modes, axes=1))[:, None] + rest)
+
+
+def half_shadow(sea: Sea) -> Array:
+    """Let the lamp reach one half of the array, in each frame another, with a hard edge."""
+    column, row = prior.over_array(sea.model.array.side)
+    turn = sea.rng.uniform(0, 2 * np.pi, (len(sea.poses), 1, 1))
+    lamps, rest = sea.lamps_and_rest()
+    dark = np.cos(turn) * column + np.sin(turn) * row > 0
+    return sea.image(np.where(dark[:, None], 0.0, lamps) + rest)
+
+
+def blob(sea: Sea) -> Array:
+    """Return a Gaussian blob of any place, width and brightness."""
+    column, row = prior.over_array(sea.model.array.side)
+    count = len(sea.poses)
+    at = sea.rng.uniform(-1, 1, (2, count, 1, 1))
+    width = sea.rng.uniform(0.3, 1, (2, count, 1, 1))
+    peak = sea.rng.uniform(0.1, 1, (count, 1, 1)) * sea.model.scene.full_scale_counts
+    squares = ((column - at[0]) / width[0]) ** 2 + ((row - at[1]) / width[1]) ** 2
+    return sea.image((peak * np.exp(-squares / 2))[:, None])

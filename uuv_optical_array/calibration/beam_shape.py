@@ -21,11 +21,16 @@ from uuv_optical_array.forward.light import HALF_SQUARE
 
 BINS = 24  # of the angle off the axis, with as many lit readings each
 LEAST_LIGHT = 3.0  # standard deviations of a lit reading
-BY_BEAM = 0.5  # share of what noise leaves unexplained from which the beam is the cause
+# Share of what noise leaves unexplained from which the beam is the cause, or a part of it.
+BY_BEAM, PARTLY = 0.5, 0.2
 SIGNIFICANT = 5.0  # standard deviations of a sum of squares that noise gives
 LEAST_WEIGHT = 0.05  # of a Gaussian: a lesser one costs a pose little, and scattering looks alike
 # Relative error of the light that the shape of the beam may leave: with more, poses are false.
 MOST_LEFT = 0.015
+FIT_SHAPE = (
+    "give lamp.photometry, the file of the lamp, or set prior.beam_shape_std to 0.05, by which its "
+    "shape is fitted"
+)
 CHECK = "check odometry_axes and beacon_position_m (--set), array.wiring and the topics"
 
 
@@ -80,12 +85,11 @@ class MissingShape(NamedTuple):
     share: float
     weights: Array
 
-    @property
-    def is_the_cause(self) -> bool:
-        """Whether the beam has another shape than the scene's, rather than another fault."""
+    def explains(self, share: float) -> bool:
+        """Whether another shape than the scene's would explain more than a share of the misfit."""
         significant = self.significance > chdtri(len(SHAPE), FALSE_REFUSAL)
         large = np.abs(self.weights).max() > LEAST_WEIGHT
-        return bool(significant and large and self.share > BY_BEAM)
+        return bool(significant and large and self.share > share)
 
 
 def missing_shape(fit: CalibrationFit) -> MissingShape:
@@ -120,10 +124,9 @@ def wrong_beam(fit: CalibrationFit) -> str:
             f"the model does not explain the images: it differs by {left:.1%} of the light, where "
             f"a beam of other shape may by {MOST_LEFT:.1%}; {CHECK}"
         )
-    if missing_shape(fit).is_the_cause:
+    if missing_shape(fit).explains(BY_BEAM):
         return (
             "the beam of the lamp has another shape than the scene's: the residuals go by the "
-            "angle off its axis; give lamp.photometry, the file of the lamp, or set "
-            "prior.beam_shape_std to 0.05, by which its shape is fitted"
+            f"angle off its axis; {FIT_SHAPE}"
         )
     return ""

@@ -6,7 +6,13 @@ import numpy as np
 from scipy.special import chdtri
 
 from uuv_optical_array.calibration.agreement import FALSE_REFUSAL
-from uuv_optical_array.calibration.beam_shape import CHECK, wrong_beam
+from uuv_optical_array.calibration.beam_shape import (
+    CHECK,
+    FIT_SHAPE,
+    PARTLY,
+    missing_shape,
+    wrong_beam,
+)
 from uuv_optical_array.calibration.fit import CalibrationFit
 from uuv_optical_array.calibration.noise_fit import NOISE, RELATIVE, fitted_noise
 from uuv_optical_array.calibration.parameters import (
@@ -98,6 +104,8 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
     cures = [CHECK]
     if unknown := [name for i, name in enumerate(fit.likelihood.layout.names) if i in fit.unknown]:
         cures.append(f"record what determines {', '.join(unknown)}")
+    if (missing := missing_shape(fit)).explains(PARTLY):
+        cures.append(f"the beam's shape, which explains {missing.share:.0%} of it: {FIT_SHAPE}")
     if independent:
         cures.append("give --noise: the residuals are independent")
     return f"{reason}; {', or '.join(cures)}"

@@ -179,10 +179,13 @@ def test_a_lamp_is_tried_by_a_gaussian_and_by_its_file(tmp_path):
     off = (weight * (scale[:, None] * shapes - beam(angles)) ** 2).sum(1)
     assert lamp["gaussian_rms"] == pytest.approx(1000 * np.sqrt(off.min()), rel=0.02)
     ours = lamp["scenes"]["its file"]
-    assert not ours["refusal"]
-    assert ours["misfit"] < 1.2
-    assert ours["calibrated"]["answered"] == 20
-    assert lamp["scenes"]["one Gaussian"]["misfit"] > 2
+    for known in ("calibrated, exact", "0.1 m, 2 deg"):
+        assert not ours[known]["refusal"]
+        assert ours[known]["misfit"] < 1.2
+        assert ours[known]["answered"] == 20
+    exact = lamp["scenes"]["one Gaussian"]["calibrated, exact"]
+    assert exact["misfit"] > 2
+    assert "beam" in exact["refusal"]
 
 
 def test_a_folder_without_light_is_refused(tmp_path):

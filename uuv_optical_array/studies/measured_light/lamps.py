@@ -1,7 +1,8 @@
 """What the measured beams of lamps do to a calibration and to poses: parts of ``study measured``.
 
 A lamp's photometric file is shone, as it was measured, into clear water that absorbs. Then the
-array is calibrated on a drive at known poses, and poses are estimated.
+array is calibrated on drives whose poses are known exactly or by an odometry, and poses are
+estimated.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,6 +27,13 @@ SUFFIXES = ".ies", ".ldt"
 DRIVE_IMAGES = 300
 K_PER_M, REFERENCE = 0.1, 900.0  # of the water, and the largest reading at 4 m, counts
 LARGEST = 1023.0
+# Standard deviations of an odometry, m and rad, by what the tables call a calibration with it.
+ODOMETRIES: dict[str, tuple[float, float]] = {
+    "calibrated, exact": (0.0, 0.0),
+    "0.02 m, 0.5 deg": (0.02, np.radians(0.5)),
+    "0.1 m, 2 deg": (0.1, np.radians(2.0)),
+}
+BOUGHT = "as_bought"
 SCENE = {
     "attenuation": {"k_per_m": K_PER_M},
     "sensor_noise": {"sigma_counts": 1.0},
@@ -104,18 +112,23 @@ def measure_lamps(files: Sequence[Path], count: int, seed: int) -> Iterator[dict
 
 
 def _poses_by(scene: Scene, lamp: Photometry, count: int, seed: int, what: str) -> dict[str, Any]:
-    """Return how a scene is calibrated on a drive, and its poses before and after."""
+    """Return a scene's poses as bought and calibrated on a drive, or its refusal, by odometry."""
     rng, model = np.random.default_rng(seed), ForwardModel(scene)
     truth = MeasuredLamp(lamp, model)
     places, images = truth.lit(DRIVE_IMAGES, rng)
-    found = calibrate(scene, images, places)
+    errors = rng.standard_normal(places.shape)
     poses, seen = truth.lit(count, rng)
-    result: dict[str, Any] = {"misfit": found.misfit, "refusal": found.refusal}
-    scenes = {"as_bought": scene}
-    if not found.refusal:
-        scenes["calibrated"] = found.scene
-    for name, each in scenes.items():
-        result[name] = errors_of(Estimator(each).wait(), model, poses, seen, what).summary()
+
+    def poses_of(one: Scene) -> dict[str, Any]:
+        return errors_of(Estimator(one).wait(), model, poses, seen, what).summary()
+
+    result: dict[str, Any] = {BOUGHT: poses_of(scene)}
+    for name, (metres, radians) in ODOMETRIES.items():
+        std = np.array([metres, metres, metres, radians, radians])
+        found = calibrate(scene, images, places + std * errors, pose_std=std if metres else None)
+        result[name] = {"misfit": found.misfit, "refusal": found.refusal}
+        if not found.refusal:
+            result[name] |= poses_of(found.scene)
     return result
 
 
@@ -124,7 +137,7 @@ def report_lamps(rows: Sequence[dict[str, Any]], count: int) -> str:
     head = ["lamp", "half-width (deg)", "one Gaussian", "its file", "planes"]
     beams = [head]
     table = [
-        ["lamp", "beam of the scene", "misfit", "known", "answered", "beyond 6 sigma", "NEES",
+        ["lamp", "beam of the scene", "known", "misfit", "answered", "beyond 6 sigma", "NEES",
          "range (m)", "across (m)"]
     ]  # fmt: skip
     for row in rows:
@@ -133,24 +146,19 @@ def report_lamps(rows: Sequence[dict[str, Any]], count: int) -> str:
         half = f"{row['half_width_deg']:.1f}"
         beams.append([row["lamp"], half, f"{row['gaussian_rms']:.1f}", fit, apart])
         for beam, result in row["scenes"].items():
-            for known in ("as_bought", "calibrated"):
-                first = [row["lamp"], beam, f"{result['misfit']:.2f}", known]
-                if known in result:
-                    of = result[known]
-                    table.append(
-                        [
-                            *first,
-                            f"{of['answered']} of {count}",
-                            str(of["beyond_6_sigma"]),
-                            "-" if of["nees_mean"] is None else f"{of['nees_mean']:.3g}",
-                            f"{of['rms_range_m'] or np.nan:.3g}",
-                            f"{of['rms_across_m'] or np.nan:.3g}",
-                        ]
-                    )
-                else:
-                    table.append([*first, "refused", *["-"] * 4])
+            for known, of in result.items():
+                misfit = f"{of['misfit']:.2f}" if "misfit" in of else "-"
+                first = [row["lamp"], beam, known, misfit]
+                if of.get("refusal"):
+                    named = "beam" if "beam" in of["refusal"] else "another"
+                    table.append([*first, f"refused: {named}", *["-"] * 4])
+                    continue
+                nees = "-" if of["nees_mean"] is None else f"{of['nees_mean']:.3g}"
+                rms = (f"{of[name] or np.nan:.3g}" for name in ("rms_range_m", "rms_across_m"))
+                answered = f"{of['answered']} of {count}"
+                table.append([*first, answered, str(of["beyond_6_sigma"]), nees, *rms])
     return (
         "beams: rms of 1000 on the axis, out to 2.2 half-widths\n"
         f"{columns(beams)}\n\nposes in clear water, by light as it was measured\n"
-        f"{columns(table, 2)}"
+        f"{columns(table, 3)}"
     )

@@ -8,7 +8,12 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.formation import (
+    Aim,
+    FormationController,
+    FormationSettings,
+    KeepOff,
+)
 from uuv_optical_array.control.leader_path import leader_twist
 from uuv_optical_array.core.errors import NoPose
 
@@ -135,22 +140,33 @@ def test_nor_does_a_sideways_one_but_it_backs_off(round_beam, turned):
         assert sign * to_beacon.apply(command[:3]) @ place / 4.0 > 0.02
 
 
+@pytest.mark.parametrize("nearest_m", [2.5, -8.0])
 @given(
     st.tuples(st.floats(0.2, 1.4), st.floats(-1, 1), st.floats(-1, 1)),
     st.floats(0, 2 * np.pi),
     st.floats(-0.5, 0.5),
 )
-def test_of_all_that_keep_the_distance_the_velocity_is_the_nearest_to_that_wanted(wanted, way, up):
-    """Held to a solver of quadratic problems; beside the lamp what leads past it is kept whole."""
+def test_of_all_that_keep_the_distance_the_velocity_is_the_nearest_to_that_wanted(
+    nearest_m, wanted, way, up
+):
+    """Held to a solver of quadratic problems; beside the lamp what leads past it is kept whole.
+
+    Much too near, where the gain asks for more than the vehicle has, it is as fast as it gets
+    straight away from the lamp, and no faster.
+    """
     away = np.array([np.cos(way) * np.cos(up), np.sin(way) * np.cos(up), np.sin(up)])
     most = np.array([1.4, 1.0, 1.0])
-    s = FormationSettings(min_distance_m=2.0)
+    s = FormationSettings(min_distance_m=2.0, max_acceleration_m_per_s2=5.0)  # no limit here
     controller = FormationController(s)
-    kept = controller._kept_off(np.array(wanted), 2.5, away, 0.0, 1.0)
+    aim = Aim(np.zeros(5), np.array([*wanted, 0.0, 0.0]), np.eye(3), [KeepOff(nearest_m, away)])
+    controller.drive(0.0, aim)
+    kept, _ = controller.drive(1.0, aim)
     allowed = 0.5 / (s.light_timeout_s + s.stop_time_s / 2)
+    if nearest_m < s.min_distance_m:
+        allowed = -np.min(most / np.maximum(np.abs(away), 1e-9))
     best = minimize(
         lambda velocity: np.square(velocity - wanted).sum(),
-        np.clip(0.5 * away, -most, most),
+        np.clip(max(0.5, -allowed) * away, -most, most),
         jac=lambda velocity: 2 * (velocity - wanted),
         bounds=list(zip(-most, most, strict=True)),
         constraints={

@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from fits import frame_of, guide_from, guide_to, kinds_of
+from fits import CountedGuide, frame_of, guide_from, guide_to, kinds_of
 from scenes import changed, squared_error, with_prior
 from scipy.integrate import trapezoid
 
@@ -14,7 +14,7 @@ from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOWHERE, ONE_STEP
-from uuv_optical_array.estimation.least_squares.image_fit import CLEAR, pose_prior
+from uuv_optical_array.estimation.least_squares.image_fit import CLEAR, ImageFit, pose_prior
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
 from uuv_optical_array.estimation.least_squares.problem import light_at, start_at
 from uuv_optical_array.estimation.signature.features import key_parameters
@@ -172,19 +172,14 @@ def test_a_lamp_that_shines_alone_among_several_gets_no_pose(estimator, lit):
         estimator.estimate(dark)
 
 
-def test_no_search_with_all_lamps_where_one_is_dark(estimator, monkeypatch):
-    rng, fit, starts = np.random.default_rng(7), estimator._fit, []
+def test_no_search_with_all_lamps_where_one_is_dark(estimator):
+    rng, guide = np.random.default_rng(7), CountedGuide(*guide_to(MODEL))
     image, _, _ = drawn(rng)
     image[:5] = MODEL.read(np.full((5, 5), MODEL.noise.black), rng)
-    whole = fit._frame
-
-    def counted(problem, guide, *rest):
-        starts.append((problem.weights.sum(), len(guide.poses) > 2))
-        return whole(problem, guide, *rest)
-
-    monkeypatch.setattr(fit, "_frame", counted)
-    assert estimator.estimate(image).dark_lamp == 0
-    assert starts == [(50, True), (75, False)]
+    fit = ImageFit(MODEL, estimator.constants, guide.candidates, 1e-5, compiled=False)
+    assert fit(image.ravel().astype(float), guide=guide).dark_lamp == 0
+    # That one is without it; all lamps together are fitted from where that leads.
+    assert guide.frames == 1
 
 
 def test_key_parameters_of_a_sum_beyond_full_scale_are_believed(estimator):

@@ -12,7 +12,8 @@ from uuv_optical_array.estimation.least_squares.frame import (
 )
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit, pose_prior
-from uuv_optical_array.estimation.least_squares.starts import guide_of
+from uuv_optical_array.estimation.least_squares.problem import Problem
+from uuv_optical_array.estimation.least_squares.starts import Guide, guide_of
 from uuv_optical_array.forward.model import ForwardModel
 
 
@@ -44,3 +45,25 @@ def fit_of(estimator):
     s, model = estimator.settings, ForwardModel(estimator.scene)
     compiled = compilation.installed()
     return ImageFit(model, estimator.constants, s.candidates, s.max_misfit, compiled)
+
+
+class CountedProblem(Problem):
+    """A problem that counts how often its posterior is evaluated, which reads its prior once."""
+
+    evaluations = 0
+
+    @property
+    def pose_mean(self):
+        self.evaluations += 1
+        return tuple(self)[Problem._fields.index("pose_mean")]
+
+
+class CountedGuide(Guide):
+    """A guide that counts the frames fitted by it, each of which reads once how good is enough."""
+
+    frames = 0
+
+    @property
+    def max_score(self):
+        self.frames += 1
+        return tuple(self)[Guide._fields.index("max_score")]

@@ -9,13 +9,12 @@ from urllib.parse import urlsplit
 
 import msgspec.msgpack  # it, websockets and zstandard come with viser
 import pytest
-import viser
 import zstandard
 from conftest import PATIENCE_S
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from page_sockets import socket_of
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import connect
 
 from uuv_optical_array.view.closed_loop import Conditions
 from uuv_optical_array.view.guard import refusal
@@ -26,18 +25,6 @@ CAMERA = {
     **{"near": 0.1, "far": 9.0, "image_height": 9, "image_width": 9, "position": (1.0, 0.0, 0.0)},
     **{"look_at": (0.0, 0.0, 0.0), "up_direction": (0.0, 0.0, 1.0)},
 }
-
-
-def socket_of(page, path=None, **options):
-    """Connect to a page as its own JavaScript does, but for what the options say."""
-    address = urlsplit(page.url)
-    return connect(
-        f"ws://{address.netloc}{address.path if path is None else path}",
-        subprotocols=[f"viser-v{viser.__version__}"],
-        compression=None,
-        max_size=None,
-        **options,
-    )
 
 
 def status(page, path, **headers):
@@ -95,10 +82,10 @@ def test_the_page_is_served_to_who_has_its_address_by_a_name_of_this_machine(pag
     assert status(page, path, Origin="http://evil.example") == 403
     assert status(page, f"{path}/../{path}") == 404
     assert status(page, f"{path}/{7000 * 'x'}") == status(page, f"{path}/{300 * 'x'}") == 404
-    with socket_of(page, origin=page.url.removesuffix(path)) as socket:
+    with socket_of(page.url, origin=page.url.removesuffix(path)) as socket:
         assert socket.recv(timeout=PATIENCE_S)
     for options in ({"origin": "http://evil.example"}, {"origin": "null"}, {"path": "/"}):
-        with pytest.raises(InvalidStatus, match="403"), socket_of(page, **options):
+        with pytest.raises(InvalidStatus, match="403"), socket_of(page.url, **options):
             pass
 
 
@@ -121,7 +108,7 @@ def test_values_out_of_bounds_are_refused_in_a_line_and_sliders_go_back(page, li
     page.add_sliders("sea", given, change)
     attenuation, power, astern = (given[i].label for i in (0, 1, 5))
     wrong = [(attenuation, value) for value in (-5.0, float("nan"), float("inf"), 1e308)]
-    with socket_of(page) as socket:
+    with socket_of(page.url) as socket:
         uuids = uuids_of_sliders(socket, len(given))
 
         def set_value(label, value):
@@ -153,7 +140,7 @@ def test_values_out_of_bounds_are_refused_in_a_line_and_sliders_go_back(page, li
     ],
 )
 def test_a_malformed_frame_costs_its_connection_and_a_line(page, lines, capfd, frame):
-    with socket_of(page) as socket:
+    with socket_of(page.url) as socket:
         socket.send(frame)
         assert socket.recv(timeout=PATIENCE_S)  # the page, sent before
         while not socket.close_code:
@@ -163,5 +150,5 @@ def test_a_malformed_frame_costs_its_connection_and_a_line(page, lines, capfd, f
     assert line.startswith("not understood: ")
     assert "\n" not in line
     assert "Traceback" not in capfd.readouterr().err
-    with socket_of(page) as socket:
+    with socket_of(page.url) as socket:
         assert socket.recv(timeout=PATIENCE_S)

@@ -4,6 +4,7 @@ import math
 import re
 import socket
 import sys
+import threading
 import time
 import urllib.request
 from io import BytesIO
@@ -11,11 +12,14 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import matplotlib.image
+import msgspec.msgpack
 import numpy as np
 import pytest
+import viser
 from conftest import PATIENCE_S
 from hypothesis import given
 from hypothesis import strategies as st
+from page_sockets import socket_of
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.commands.view import address
@@ -137,19 +141,32 @@ def test_without_viser_it_says_what_to_install(scene, monkeypatch):
         Page(scene, "none")
 
 
-def test_no_browser_opens_a_tunnel_to_the_internet(page, monkeypatch):
-    from viser import _messages, _viser
+def test_no_browser_opens_a_tunnel_to_the_internet(scene, monkeypatch):
+    asked, answered = [], threading.Semaphore(0)
 
-    tunnels, asked = [], []
-    monkeypatch.setattr(_viser, "ViserTunnel", lambda *address: tunnels.append(address))
-    pool = page._server._thread_executor
-    submit = pool.submit
-    monkeypatch.setattr(pool, "submit", lambda work: asked.append(submit(work)) or asked[-1])
-    for handle in page._server._websock_server._incoming_handlers[_messages.ShareUrlRequest]:
-        handle(0, _messages.ShareUrlRequest())
-    (answer,) = asked
-    assert answer.result(PATIENCE_S) is None
-    assert tunnels == []
+    def shared(server):
+        asked.append(server)
+        answered.release()
+
+    monkeypatch.setattr(viser.ViserServer, "request_share_url", shared)
+    monkeypatch.setattr(viser.ViserServer, "disconnect_share_url", lambda _: answered.release())
+    page, plain = (
+        Page(scene, "a test", port=18200),
+        viser.ViserServer("127.0.0.1", 18400, verbose=False),
+    )
+    try:
+        for url, kinds in (
+            (page.url, ("ShareUrlRequest", "ShareUrlDisconnect")),
+            (f"http://127.0.0.1:{plain.get_port()}", ("ShareUrlRequest",)),
+        ):
+            with socket_of(url) as socket:
+                for kind in kinds:
+                    socket.send(msgspec.msgpack.encode({"type": kind}))
+                assert answered.acquire(timeout=PATIENCE_S)
+    finally:
+        page.close()
+        plain.stop()
+    assert asked == [plain]  # as where nothing forbids it
 
 
 def test_the_page_is_for_this_machine_only(page):
@@ -210,13 +227,26 @@ def orange(picture):
     return np.sum((red > 150) & (green > 80) & (green < 190) & (blue < 60))
 
 
+@pytest.fixture
+def dim_page(scene, monkeypatch):
+    """A page without the image that lights it, half of the time without a graphics card."""
+
+    class Dim(viser.ViserServer):
+        def __init__(self, *words, **options):
+            super().__init__(*words, **options)
+            self.scene.configure_environment_map(None)
+
+    monkeypatch.setattr(viser, "ViserServer", Dim)
+    page = Page(scene, "a test", port=18080)
+    yield page
+    page.close()
+
+
 @pytest.mark.skipif(installed() is None, reason="no Chromium: apt-get install chromium")
-def test_a_browser_shows_numbers_charts_image_and_leader_and_moves_a_slider(page):
-    chosen = []
+def test_a_browser_shows_numbers_charts_image_and_leader_and_moves_a_slider(dim_page):
+    page, chosen = dim_page, []
     sliders = [Slider("K (1/m)", "attenuation", 0.0, 1.0, 0.1, 0.5)]
     page.add_sliders("sea", sliders, lambda values: chosen.append(values))
-    # Without a graphics card the image by which the page is lit takes half of this test's time.
-    page._server.scene.configure_environment_map(None)
     with Browser(page.url, (1240, 480)) as browser:
         browser.until("Object.keys((window.__viserTestpoints || {}).uplots || {}).length == 6")
         for i in range(3):  # a run before, whose errors leave the charts and their scales

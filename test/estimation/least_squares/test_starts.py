@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from fits import guide_to, kinds_of
+from fits import CountedProblem, guide_to, kinds_of
 from scenes import changed
 
-from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.least_squares import problem as problem_module
 from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOWHERE, estimate_frame
 from uuv_optical_array.estimation.least_squares.image_fit import Image
 from uuv_optical_array.estimation.least_squares.problem import (
@@ -89,9 +87,7 @@ def test_starts_of_a_large_array_are_compared_by_few_detectors_whose_light_they_
     few = images.reshape(3, -1)[:, guide.readings]
     np.testing.assert_allclose(guide.roots[:, chosen].T ** 2, few, atol=1e-9)
     # The signature of an image is that of its start.
-    of_start = Image(images[0].ravel(), 0.0).problem(
-        Estimator(model.scene, compiled=False)._fit._kinds[0]
-    )
+    of_start = Image(images[0].ravel(), 0.0).problem(kinds_of(model)[0])
     np.testing.assert_allclose(direction(of_start.readings, guide), guide.units[:, 0], atol=1e-12)
 
 
@@ -113,43 +109,30 @@ def test_a_fit_of_a_large_array_ends_where_all_of_its_readings_have_their_minimu
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_a_narrow_valley_that_bends_is_followed_in_few_steps(monkeypatch, sign):
+def test_a_narrow_valley_that_bends_is_followed_in_few_steps(sign):
     model, pose = of_side(51), np.array([-6.3, 0.59, -0.16, 0.03, -0.33])
-    problem = Image(model.light(pose).ravel(), 0.0).problem(kinds_of(model)[0])
+    problem = CountedProblem(*Image(model.light(pose).ravel(), 0.0).problem(kinds_of(model)[0]))
     truth = start_at(problem, pose)  # where light without noise has its minimum
     state = evaluate(problem, truth)
     scale = np.outer(problem.reach, problem.reach)
     _, axes = np.linalg.eigh(state.parts[INFORMATION:] * scale)
-    counted, calls = problem_module.likelihood_of, []
-
-    def likelihood_of(*given):
-        calls.append(1)
-        counted(*given)
-
-    monkeypatch.setattr(problem_module, "likelihood_of", likelihood_of)
+    before = problem.evaluations
     best = settle(problem, truth + sign * problem.reach * axes[:, 0])
     assert best.cost == pytest.approx(state.cost, abs=0.02)
-    assert len(calls) <= 7  # steps that only lead downhill take 31 and more
+    assert 1 < problem.evaluations - before <= 7  # steps that only lead downhill take 31 and more
 
 
-def test_a_step_that_ends_beside_a_bent_valley_is_not_taken_back_at_once(monkeypatch):
+def test_a_step_that_ends_beside_a_bent_valley_is_not_taken_back_at_once():
     """Against a descent that takes back each step uphill, in as many steps as it needs."""
     model, rng = of_side(51), np.random.default_rng(3)
     guide, clear, poses = guide_to(model), kinds_of(model)[0], lit_poses(model, 12, rng)
     stds = model.scene.prior.nuisance_std()
     seas = {name: std * rng.standard_normal(12) for name, std in stds.items()}
-    counted, calls = problem_module.likelihood_of, []
-
-    def likelihood_of(*given):
-        calls.append(1)
-        counted(*given)
-
-    monkeypatch.setattr(problem_module, "likelihood_of", likelihood_of)
     for image, pose in zip(model.expose(poses, rng, offsets=seas), poses, strict=True):
-        problem = Image(image.ravel(), 0.0).problem(clear)
+        problem = CountedProblem(*Image(image.ravel(), 0.0).problem(clear))
         few = thinned(problem, guide.readings, guide.blur)
         start = refine(few, start_at(few, pose)).parts[AT]
-        calls.clear()
+        problem.evaluations = 0
         best = settle(problem, start)
-        assert len(calls) <= 7
+        assert 1 < problem.evaluations <= 7
         assert best.cost < refine(problem, best.parts[AT], MANY_STEPS).cost + 0.05

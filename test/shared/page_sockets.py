@@ -1,0 +1,18 @@
+"""What a browser has of the live view: the messages of viser, by WebSocket."""
+
+from urllib.parse import urlsplit
+
+import viser
+from websockets.sync.client import connect
+
+
+def socket_of(url, path=None, **options):
+    """Connect to a page as its own JavaScript does, but for what the options say."""
+    address = urlsplit(url)
+    return connect(
+        f"ws://{address.netloc}{address.path if path is None else path}",
+        subprotocols=[f"viser-v{viser.__version__}"],
+        compression=None,
+        max_size=None,
+        **options,
+    )

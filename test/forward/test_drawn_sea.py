@@ -1,10 +1,14 @@
 """A sea drawn from a scene's prior: how far it is off, and how it says so."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scenes import changed
 
+from uuv_optical_array.forward.aim import apparent
 from uuv_optical_array.forward.drawn_sea import draw_sea
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ROLL
 from uuv_optical_array.forward.scene import load_scene
 
@@ -60,3 +64,24 @@ def test_what_differs_is_said_as_a_ratio_where_it_is_one_and_nothing_is_no_word(
     assert pitch == f"lamp pitch {0.5 * sea.aims[2]:+.2f} deg"
     assert yaw == f"lamp yaw {0.5 * sea.aims[3]:+.2f} deg"
     assert gains == f"gains {100 * sea.gains.std():.2g} % apart"
+
+
+def test_the_apparent_source_of_a_lamp_is_as_far_behind_its_face_as_the_prior_says():
+    """Images of drawn seas against those of scenes whose lamp is told to be there."""
+    prior = {"known": "exactly", "lamp_behind_std_m": 0.1}
+    scene, rng = changed("follow", lamp={"behind_m": 0.05}, prior=prior), np.random.default_rng(4)
+    model, pose, found = ForwardModel(scene), np.array([-5.0, 0.4, -0.3, 0.1, -0.2]), []
+    for _ in range(DRAWS):
+        sea = draw_sea(scene, rng)
+        (seen,) = apparent(scene, pose[None], sea.aims[None])
+        name, _, metres = sea.in_words(scene).partition(" ")
+        assert name == "lamp.behind_m"
+        found.append(float(metres))
+        if len(found) <= 5:
+            nearer = dataclasses.replace(scene.lamp, behind_m=0.05 + 0.1 * float(sea.aims[4]))
+            truth = ForwardModel(dataclasses.replace(scene, lamp=nearer))
+            # Of a power that is told at the reference, which is where base_link is, not the source.
+            truth.power = model.power
+            np.testing.assert_allclose(model.light(seen), truth.light(pose), rtol=1e-9)
+            assert float(metres) == pytest.approx(0.1 * float(sea.aims[4]), abs=6e-4)
+    assert np.std(found) == pytest.approx(0.1, rel=FIVE_SIGMA)

@@ -1,5 +1,7 @@
 """Lamps and bodies of other vehicles, beside sums of images and shadows by similar triangles."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from designs import scene_with
@@ -68,6 +70,23 @@ def test_lamps_add_up_before_daylight_gains_and_pedestal(name):
     assert min(np.ptp(each - dark) for each in apart) > 20
     found = sight(model, place_of(follower), leader, [other], offsets, 3.0)
     np.testing.assert_allclose(found.light, sum(apart) - dark, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["sunlit_modulated", "leading_lights"])
+def test_a_floor_is_light_of_its_lamp_and_goes_out_with_it(name):
+    scene = load_scene(name)
+    lamps = tuple(dataclasses.replace(each, floor_counts=30.0) for each in scene.lamps)
+    lamp = dataclasses.replace(scene.lamp, floor_counts=0.0 if lamps else 30.0)
+    scene = dataclasses.replace(scene, lamp=lamp, lamps=lamps)
+    model, leader, follower = ForwardModel(scene), placed(), placed(-5.0, 0.3)
+    dark, half, whole, twice = (
+        sight(model, place_of(follower), leader, (), power_offsets([power], scene.lamp_count)).light
+        for power in (0.0, 0.5, 1.0, 2.0)
+    )
+    np.testing.assert_allclose(dark, scene.black_counts, atol=1e-9)
+    assert (whole - dark).min() >= 30.0
+    np.testing.assert_allclose(half - dark, 0.5 * (whole - dark))
+    np.testing.assert_allclose(twice - dark, 2 * (whole - dark))
 
 
 def test_a_power_of_the_leader_is_its_own_and_a_sea_is_of_all():

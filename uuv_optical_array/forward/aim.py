@@ -13,6 +13,11 @@ from uuv_optical_array.core.geometry import Array, turned_about_lamp, turned_on_
 from uuv_optical_array.forward.scene import Scene
 
 
+def aim_count(scene: Scene) -> int:
+    """Return how many aims there are: of array and lamp, and the depth of its source if unknown."""
+    return 4 if scene.prior.lamp_behind_std_m == 0 else 5
+
+
 def aim_slopes(scene: Scene, pose: Array, roll: float = 0.0) -> Array:
     """Return by how much a pose is off by one standard deviation of each aim, shape ``(5, k)``.
 
@@ -22,13 +27,14 @@ def aim_slopes(scene: Scene, pose: Array, roll: float = 0.0) -> Array:
     prior = scene.prior
     of_array, of_lamp = map(math.radians, (prior.aim_std_deg, prior.lamp_aim_std_deg))
     on_mount = turned_on_mount(pose, roll, scene.array.bow_m)
-    slopes = np.empty((5, 4 if prior.lamp_behind_std_m == 0 else 5))
+    slopes = np.empty((5, aim_count(scene)))
     slopes[:, :2], slopes[:, 2:4] = of_array * on_mount, of_lamp * turned_about_lamp(pose)
-    slopes[:, 4:] = prior.lamp_behind_std_m * np.eye(5)[:, :1]
+    # What lies farther ahead looks as from farther astern.
+    slopes[:, 4:] = -prior.lamp_behind_std_m * np.eye(5)[:, :1]
     return slopes
 
 
 def apparent(scene: Scene, poses: Array, aims: Array) -> Array:
-    """Return poses ``(n, 5)`` as they appear under aims ``(n, 4)`` in standard deviations."""
-    moved = [aim_slopes(scene, pose)[:, :4] @ aim for pose, aim in zip(poses, aims, strict=True)]
+    """Return poses ``(n, 5)`` as they appear under aims ``(n, k)`` in standard deviations."""
+    moved = [aim_slopes(scene, pose) @ aim for pose, aim in zip(poses, aims, strict=True)]
     return poses + np.array(moved).reshape(poses.shape)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.forward.aim import aim_count
 from uuv_optical_array.forward.prior import LOGARITHMS, OWN_POWER, ROLL
 from uuv_optical_array.forward.scene import Scene
 
@@ -20,7 +21,8 @@ class DrawnSea:
 
     - offsets: of settings, by the names of `Scene.nuisance_std`, each of shape ``()``.
     - roll: of the follower, rad, where the scene has several lamps and its prior an uncertain one.
-    - aims: pitch and yaw of the array, then of the lamp, in standard deviations, ``(4,)``.
+    - aims: pitch and yaw of the array, of the lamp, and ``lamp.behind_m`` where the prior has it,
+      in standard deviations, ``(k,)``, as `aim.aim_slopes` has them.
     - gains: of the detectors, around 1, ``(side, side)``.
     """
 
@@ -41,9 +43,10 @@ class DrawnSea:
         prior = scene.prior
         stds = (prior.aim_std_deg,) * 2 + (prior.lamp_aim_std_deg,) * 2
         names = "array pitch", "array yaw", "lamp pitch", "lamp yaw"
-        for name, std, aim in zip(names, stds, self.aims, strict=True):
+        for name, std, aim in zip(names, stds, self.aims[:4], strict=True):
             if std:
                 told.append(f"{name} {std * aim:+.2f} deg")
+        told += [f"lamp.behind_m {prior.lamp_behind_std_m * aim:+.3f}" for aim in self.aims[4:]]
         if prior.gain_std:
             told.append(f"gains {100 * np.std(self.gains):.2g} % apart")
         return ", ".join(told)
@@ -57,6 +60,6 @@ def draw_sea(scene: Scene, rng: np.random.Generator) -> DrawnSea:
     water, per_m = scene.attenuation
     if water in offsets:
         offsets[water] = np.maximum(offsets[water], -per_m)
-    aims = rng.standard_normal(4)
+    aims = rng.standard_normal(aim_count(scene))
     gains = 1 + scene.prior.gain_std * rng.standard_normal((side, side))
     return DrawnSea(offsets, roll, aims, gains)

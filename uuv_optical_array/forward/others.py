@@ -20,7 +20,7 @@ from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.settings import Place
 from uuv_optical_array.forward.lamps import AXIS_PITCH, lamps_in_numbers, together
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import POWER, power_offsets
+from uuv_optical_array.forward.prior import FLOOR, OWN_FLOOR, POWER, of_lamp, power_offsets
 
 BODY_LENGTH_M, BODY_RADIUS_M = 0.8, 0.25  # of a small vehicle
 
@@ -99,6 +99,7 @@ def sight(
         arriving = arriving * _passed(model, position, rotation, vehicles)
     waveform = model.scene.effects.get("demodulation", {}).get("waveform", "slots")
     alike = np.array([waveform == "slots" or each.code == leader.code for each in vehicles])
+    common |= _floors(model, common, powers[alike].sum(axis=0))
     light = model.on_array(arriving[alike].sum(axis=0), common)
     beside = np.zeros_like(light)
     if not alike.all():
@@ -107,6 +108,22 @@ def sight(
         whole = np.concatenate([stray] * count)
         beside = model.on_array(whole, common) - model.on_array(dark, common)
     return Sight(light, beside)
+
+
+def _floors(model: ForwardModel, offsets: Mapping[str, Array], powers: Array) -> dict[str, Array]:
+    """Return the offsets of the floors of lamps of these powers, ``(L,)``, whose light they are."""
+    scene = model.scene
+    if "demodulation" not in scene.effects:
+        return {}
+    floors = {of_lamp(i, OWN_FLOOR): lamp.floor_counts for i, lamp in enumerate(scene.lamps)}
+    moved = {}
+    for (name, floor), power in zip(
+        (floors or {FLOOR: scene.lamp.floor_counts}).items(), powers, strict=True
+    ):
+        whole = floor + offsets.get(name, 0.0)
+        if floor or name in offsets:
+            moved[name] = power * whole - floor
+    return moved
 
 
 def _logarithms(offsets: Mapping[str, Array], count: int) -> Array:

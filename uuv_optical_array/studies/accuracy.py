@@ -34,7 +34,7 @@ from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Ar
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.forward.aim import apparent
+from uuv_optical_array.forward.aim import aim_count, apparent
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.lamps import ring_of_lamps, spread_and_tilt
 from uuv_optical_array.forward.model import ForwardModel
@@ -126,7 +126,8 @@ def exposed(
     offsets = {name: std * truth.standard_normal(len(poses)) for name, std in stds.items()}
     roll = offsets.pop(ROLL, 0.0)
     if drawn:
-        poses = apparent(model.scene, poses, truth.standard_normal((len(poses), 4)))
+        aims = truth.standard_normal((len(poses), aim_count(model.scene)))
+        poses = apparent(model.scene, poses, aims)
     light, side = model.light(poses, roll, offsets, times_s), model.array.side
     if drawn:
         gains = 1 + model.scene.prior.gain_std * truth.standard_normal((len(poses), side, side))

@@ -11,7 +11,7 @@ from needs import rosbags
 from scenes import changed
 
 from uuv_optical_array.calibration.calibrate import calibrate
-from uuv_optical_array.calibration.places_check import _in_words
+from uuv_optical_array.calibration.places_check import in_words
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.recording.images import Recording
@@ -131,14 +131,14 @@ def test_a_bad_table_is_refused_with_its_line(head, rows, words, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def rail(wrong, noise=1.0):
+def rail(wrong=1.0, noise=1.0, off=0.0):
     """Calibrate at 20 places, two images each, that were told wrong."""
     rng = np.random.default_rng(8)
     scene = sea(sensor_noise__sigma_counts=noise)
     true = rng.uniform([-6, -0.8, -0.8, -0.35, -0.35], [-3, 0.8, 0.8, 0.35, 0.35], (20, 5))
     places = np.repeat(np.arange(20), 2)
     images = ForwardModel(scene).expose(true[places], rng)
-    told = (true + STDS * rng.standard_normal(true.shape)) * wrong
+    told = (true + STDS * rng.standard_normal(true.shape)) * wrong + off
     start = changed("reference", prior={"known": "as_bought"})
     return calibrate(start, images, told[places], pose_std=STDS, places=places).refusal
 
@@ -158,7 +158,26 @@ def test_places_in_other_axes_are_named_as_such(wrong, words):
     assert "pitch" not in refusal.split(";")[0]
 
 
+@pytest.mark.parametrize(
+    ("wrong", "off", "words", "wanted"),
+    [
+        (1, [0.2, 0, 0, 0, 0], r"along x by (\S+) m, with a standard error of (\S+) m", 0.2),
+        ([1.04, 1.04, 1.04, 1, 1], 0, r"by (\S+) of their distance .* error of (\S+):", 0.04),
+    ],
+)
+def test_places_that_are_all_off_alike_are_refused_where_their_light_tells_it(
+    wrong, off, words, wanted
+):
+    refusal = rail(wrong, off=np.array(off))
+    assert refusal.startswith("by the light all places are off ")
+    assert "prior.lamp_behind_std_m" in refusal
+    size, std = map(float, re.search(words, refusal).groups())
+    assert std < wanted / 5
+    assert abs(size - wanted) < 4 * std
+
+
 def test_places_that_are_right_are_not_blamed():
+    assert not rail()
     assert "the places" not in (refusal := rail([1] * 5, noise=6.0))
     assert "the residuals are independent" in refusal
 
@@ -166,8 +185,8 @@ def test_places_that_are_right_are_not_blamed():
 def test_an_error_of_places_is_said_by_its_kind():
     rng = np.random.default_rng(1)
     told, noise = rng.uniform(-1, 1, 40), 0.01 * rng.standard_normal(40)
-    assert _in_words(1, told, 0.3 + noise) == "all are off by y +0.3 m"
-    assert _in_words(1, told, -2 * told + noise) == "y is -1.00 times what is told"
-    assert _in_words(3, told, np.radians(20) * rng.choice([-1.0, 1.0], 40)).startswith(
+    assert in_words(1, told, 0.3 + noise) == "all are off by y +0.3 m"
+    assert in_words(1, told, -2 * told + noise) == "y is -1.00 times what is told"
+    assert in_words(3, told, np.radians(20) * rng.choice([-1.0, 1.0], 40)).startswith(
         "pitch is off by 20 deg rms"
     )

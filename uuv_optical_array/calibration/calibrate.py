@@ -28,7 +28,7 @@ from uuv_optical_array.calibration.noise_fit import (
     noise_of,
 )
 from uuv_optical_array.calibration.parameters import LAMP_AIM, POWER, Layout
-from uuv_optical_array.calibration.places_check import disagreement
+from uuv_optical_array.calibration.places_check import common_error, disagreement
 from uuv_optical_array.calibration.result import Calibration, FittedParameter
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import DetectorArray
@@ -120,11 +120,13 @@ def calibrate(
         known += range(layout.gains, len(layout.kinds))
     fit = CalibrationFit(likelihood, known, on_step)
     reason = notes.refusal(fit, fit_noise)
-    if reason and where is not None and array is None and pose_std is not None:
+    if where is not None and array is None and pose_std is not None:
         _, first = np.unique(where, return_index=True)
         std = np.broadcast_to(pose_std, poses.shape)[first]
-        wrong = disagreement(started, images[first], poses[first], rolls[first], std)
-        reason = f"{wrong}; {reason}" if wrong else reason
+        if not reason:
+            reason = common_error(fit)
+        elif wrong := disagreement(started, images[first], poses[first], rolls[first], std):
+            reason = f"{wrong}; {reason}"
     if reason or not fit_noise:
         return _result(scene, fit, rates, reason)
     start = noise_of(scene)

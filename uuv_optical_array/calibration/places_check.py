@@ -2,15 +2,20 @@
 
 A wrong place looks like another array or another lamp. So where a calibration is refused, the poses
 of its images are estimated in the scene that it started from, and compared with the places told.
+Where it is not, all places may still be off alike.
 """
 
+import copy
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
 
+from uuv_optical_array.calibration.fit import CalibrationFit
+from uuv_optical_array.calibration.likelihood import CalibrationState
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, PITCH, Array, X
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.scene import Scene, without_meaning
 
@@ -32,6 +37,9 @@ UNSURE = {
 # how many medians on an estimate is another pose's.
 FAR, ALIKE, ELSEWHERE = 5.0, 0.8, 4.0
 MEDIAN = 0.455  # of the square of a normal number
+# Standard errors from which all places are off alike, and share of what they tell of it that has to
+# be left beside all that is fitted.
+SURE, LEAST_LEFT = 5.0, 1e-6
 
 
 def disagreement(scene: Scene, images: Array, poses: Array, rolls: Array, std: Array) -> str:
@@ -58,7 +66,7 @@ def disagreement(scene: Scene, images: Array, poses: Array, rolls: Array, std: A
         return ""
     errors, variances = np.array(off), np.array(spread) + std[seen] ** 2
     words = [
-        _in_words(i, poses[seen, i], errors[:, i])
+        in_words(i, poses[seen, i], errors[:, i])
         for i in np.flatnonzero(np.median(errors**2 / variances, axis=0) > MEDIAN * FAR).tolist()
     ]
     if not words:
@@ -66,7 +74,7 @@ def disagreement(scene: Scene, images: Array, poses: Array, rolls: Array, std: A
     return f"the places disagree with the light of {len(off)} of them: by it {'; '.join(words)}"
 
 
-def _in_words(i: int, told: Array, off: Array) -> str:
+def in_words(i: int, told: Array, off: Array) -> str:
     """Say how the values of one part of the places are off those told."""
     name, size, unit = DOF_NAMES[i], IN_DEGREES[i], DOF_UNITS[i]
     kept = np.abs(off) <= ELSEWHERE * np.median(np.abs(off))
@@ -78,3 +86,64 @@ def _in_words(i: int, told: Array, off: Array) -> str:
     if slope**2 * float(told @ told) > ALIKE * squares:
         return f"{name} is {1 + slope:+.2f} times what is told"
     return f"{name} is off by {np.sqrt(squares / len(off)) * size:.2g} {unit} rms"
+
+
+def common_error(fit: CalibrationFit) -> str:
+    """Say how all places of a fit are off alike, where their light tells it; or nothing.
+
+    A shift along the beacon's x bends how light falls with the range, another scale how it falls
+    beside what the array's own size shows; by the score test (C. R. Rao, 1948) with all that is
+    fitted. Turns, and most of a shift aside, are aims of lamp and array, and told as such.
+    """
+    poses, worst, reason = fit.likelihood.poses, SURE, ""
+    ahead, scaled = np.zeros_like(poses), poses.copy()
+    ahead[:, X], scaled[:, PITCH:] = 1.0, 0.0
+    for direction, step, words in (
+        (ahead, 3e-3, "along x by {:+.3f} m, with a standard error of {:.3f} m"),
+        (
+            scaled,
+            1e-3,
+            "by {:+.3f} of their distance from the lamp, with a standard error of {:.3f}",
+        ),
+    ):
+        size, std = _error_along(fit, direction, step)
+        if abs(size) > worst * std:
+            worst = abs(size) / std
+            reason = f"by the light all places are off {words.format(-size, std)}"
+    if not reason:
+        return ""
+    return (
+        f"{reason}: check from where they are measured, and by which tape; or the light comes from "
+        "behind the lamp's face, which is fitted where prior.lamp_behind_std_m is, say, 0.1"
+    )
+
+
+def _error_along(fit: CalibrationFit, direction: Array, step: float) -> tuple[float, float]:
+    """Return how far to move all poses along a direction, ``(m, 5)``, and its standard error.
+
+    The latter is inf where nothing tells it.
+    """
+    likelihood, state = fit.likelihood, fit.state
+
+    def moved(by: float, readings: Array) -> CalibrationState:
+        other = copy.copy(likelihood)
+        other.poses, other.readings = likelihood.poses + by * direction, readings
+        return other.evaluate(state.at, expected=True)
+
+    def cost(at: CalibrationState) -> float:
+        return at.cost - at.shift_decrement
+
+    back, forth = (moved(by, likelihood.readings) for by in (-step, step))
+    score = (cost(back) - cost(forth)) / (2 * step)
+    # Without noise the changes of the gradient are those of Gauss-Newton.
+    back, here, forth = (moved(by, state.mean) for by in (-step, 0.0, step))
+    own = (cost(back) + cost(forth) - 2 * cost(here)) / step**2
+    free = likelihood.layout.free_directions(fit.held() | likelihood.layout.lacking)
+    crossed = free.T @ (back.gradient - forth.gradient) / (2 * step)
+    known = np.column_stack([crossed, free.T @ state.gradient])
+    taken_up = np.linalg.lstsq(free.T @ state.information @ free, known, rcond=None)[0]
+    left = own - float(crossed @ taken_up[:, 0])
+    if not left > LEAST_LEFT * own:
+        return 0.0, math.inf
+    size = (score - float(crossed @ taken_up[:, 1])) / left
+    return size, math.sqrt(max(1.0, fit.agreement.misfit) / left)

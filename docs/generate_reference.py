@@ -638,16 +638,20 @@ def text_of(name: str) -> str:
     return "\n\n".join((heading, WRITTEN, *parts)) + "\n"
 
 
+# The drawings by their files' names.
+DRAWINGS = {
+    "geometry.svg": geometry,
+    "image_way.svg": image_way,
+    "nodes.svg": lambda: nodes_and_topics(all_topics()),
+    "schematic.svg": schematic,
+    "sphere.svg": lambda: sphere(load_scene("follow")),
+}
+
+
 @functools.cache
-def drawings() -> dict[str, str]:
-    """Return the drawings by their files' names."""
-    return {
-        "geometry.svg": geometry(),
-        "image_way.svg": image_way(),
-        "nodes.svg": nodes_and_topics(all_topics()),
-        "schematic.svg": schematic(),
-        "sphere.svg": sphere(load_scene("follow")),
-    }
+def drawing(name: str) -> str:
+    """Return a drawing by its file's name."""
+    return DRAWINGS[name]()
 
 
 def schema_text() -> str:
@@ -659,8 +663,8 @@ def main() -> None:
     """Write every page, the drawings and the schema."""
     FOLDER.mkdir(exist_ok=True)
     SCHEMA.write_text(schema_text(), encoding="utf-8")
-    for name, text in drawings().items():
-        (PICTURES / name).write_text(text, encoding="utf-8")
+    for name in DRAWINGS:
+        (PICTURES / name).write_text(drawing(name), encoding="utf-8")
     for name in PAGES:
         (FOLDER / f"{name}.md").write_text(text_of(name), encoding="utf-8")
 

@@ -96,7 +96,8 @@ FITTING = re.compile(
     "demo|drives|end_to_end|envelope|estimate|estimator_node|every_effect|example_scripts|examples|"
     "faults|fit|fit_compiler|follower_node|fuzz|hard_cases|lattice|linearised|loop_of_nodes|"
     "many_poses|misfit|mixture|near_frames|node_parameters|outputs|paper|plausibility|posterior|"
-    "programs|ranges|record|replay|robustness|security|several_lamps|signature_table|track_of_images|tracking_constants|"
+    "programs|ranges|record|replay|robustness|security|several_lamps|signature_table|"
+    "track_of_images|tracking_constants|"
     "tracking_manoeuvres|tracking_seas|tracking_shades|tradeoff|transport|view|view_sources)"
 )
 COMPILE = "from uuv_optical_array.estimation.fit_compiler import compile_fit; compile_fit()"

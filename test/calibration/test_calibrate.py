@@ -2,6 +2,8 @@
 
 import functools
 import json
+import math
+import re
 import sys
 from io import BytesIO
 from pathlib import Path
@@ -27,7 +29,7 @@ pytestmark = rosbags
 
 BEACON = [-0.7, 0.1, 0.2]
 ARRAY = ArraySettings("planar", 5)
-SECONDS, RATE_HZ = 30, 10  # of the drive
+SECONDS, RATE_HZ = 20, 10  # of the drive
 LEADER, FOLLOWER, IMAGE = "/leader/odometry", "/follower/odometry", "/array/image"
 # The sea of the bag; the fit starts from the scene `follow`.
 SEA = sea("follow", gains=(0.05, 8), sensor_noise__sigma_counts=1.5)
@@ -127,7 +129,7 @@ def test_another_sea_is_found_within_its_standard_errors(bag, tmp_path):
         assert abs(fit["fitted"] - value) < 4 * fit["std_error"], name
         if name == "lamp.power" or name in AIMS:
             continue  # no setting of a scene
-        assert abs(fit["start"] - value) > 20 * fit["std_error"], name
+        assert abs(fit["start"] - value) > 15 * fit["std_error"], name
         group, key = name.split(".")
         home = written if group in written else written["effects"]
         assert home[group][key] == pytest.approx(fit["fitted"], rel=1e-8)
@@ -143,16 +145,16 @@ def test_another_sea_is_found_within_its_standard_errors(bag, tmp_path):
 def test_a_bag_whose_images_are_late_is_calibrated_at_their_times(tmp_path):
     messages = messages_of(SECONDS, Rotation.identity(), late_s=0.01)
     late = write_bag(tmp_path / "late", messages, "MCAP")
-    found = json_of(run, *command(late, tmp_path, "--noise"))
-    clock = found["clock"]
-    assert clock["applied"]
+    text = text_of(run, *command(late, tmp_path, "--noise"))
+    said = r"stamps are (\S+) ms .* late, which was taken into account \(time_offset_s=(\S+?)\)"
+    late_ms, offset_s = map(float, re.search(said, text).groups())
     # The leader's odometry comes at 5 Hz, so that its turns are known to 0.2 ms.
-    assert clock["offset_s"] == pytest.approx(-0.01, abs=1e-3)
-    fit = found["parameters"]["sea.scattering_per_m"]
-    assert abs(fit["fitted"] - truth_of(SEA)[0]["sea.scattering_per_m"]) < 4 * fit["std_error"]
-    text = text_of(run, *command(late, tmp_path))
-    assert "the images' stamps are 10" in text
-    assert "ms late, which was taken into account (time_offset_s=-0.0" in text
+    assert (late_ms, 1e3 * offset_s) == pytest.approx((10, -10), abs=1)
+    found = load_scene(tmp_path / "sea.yaml")
+    off = math.log(
+        found.effects["sea"]["scattering_per_m"] / SEA.effects["sea"]["scattering_per_m"]
+    )
+    assert abs(off) < 4 * found.prior.scattering_std
 
 
 def test_a_bag_is_calibrated_by_a_table_of_poses_in_place_of_odometries(bag, tmp_path):
@@ -302,7 +304,8 @@ def test_ctrl_c_while_it_draws_keeps_the_scene_and_the_report(
     monkeypatch.setattr(Figure, "savefig", stopped)
     drawn = command(bag, tmp_path, "--picture", tmp_path / "x.png", *words)
     printed = text_of(run, *drawn, code=130)
-    assert json.loads(printed)["images"] == 300 if words else "300 images" in printed
+    count = SECONDS * RATE_HZ
+    assert json.loads(printed)["images"] == count if words else f"{count} images" in printed
     assert "does not explain the data" in printed  # the noise, which is not fitted
     assert list(tmp_path.iterdir()) == [sea_of_before]
     assert load_scene(sea_of_before).effects["responsivity"]["gains"]
@@ -347,7 +350,13 @@ def test_it_reports_and_draws_without_ros(bag, tmp_path):
     assert done.returncode == 0, done.stderr
     assert load_scene(tmp_path / "sea.yaml")
     assert_picture(picture)
-    for word in ("300 images", "lamp.power", "gains", "mean squared residual 1.000", "scene:"):
+    for word in (
+        f"{SECONDS * RATE_HZ} images",
+        "lamp.power",
+        "gains",
+        "mean squared residual 1.000",
+        "scene:",
+    ):
         assert word in done.stdout
     assert "note:" not in done.stdout
 

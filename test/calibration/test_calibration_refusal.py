@@ -273,7 +273,7 @@ def test_the_command_writes_a_wrong_scene_only_by_force(tmp_path, capsys):
     messages = drive_messages(10**8 * np.arange(1, 13), poses, images, rolls)
     bag, output = write_bag(tmp_path / "sea", messages), tmp_path / "sea.yaml"
     words = ("calibrate", bag, "--scene", start, "-o", output)
-    wrong = (*words, "--set", "odometry_axes=frd")
+    wrong = (*words, "--set", "beacon_position_m=0,0,1")
     line = run(*wrong, code=1)
     assert "no scene written: the model does not explain the images" in line
     assert "--force" in line

@@ -12,7 +12,7 @@ from uuv_optical_array.recording.clocks import rates_of
 from uuv_optical_array.recording.images import Recording
 
 STD = np.array([0.02, 0.02, 0.02, *np.radians([0.5, 0.5])])
-SECONDS = np.arange(10.2, 33.8, 0.1)  # known far enough on either side
+SECONDS = np.arange(10.2, 33.8, 0.2)  # known far enough on either side
 
 
 def course(t):
@@ -115,6 +115,21 @@ def test_the_error_of_the_offset_is_that_of_its_information(power_known):
     )
     assert result.misfit < 1.2
     assert result.clock[1] == pytest.approx(least * max(1, result.misfit) ** 0.5, rel=0.05)
+
+
+def test_rates_are_those_of_the_course_at_its_ends_too():
+    """Of a straight one, whose poses before its first image and after its last are not known."""
+    stamps = np.rint(1e9 * np.arange(1.0, 2.0, 0.1)).astype(np.int64)
+    rate = np.array([0.4, -0.2, 0.1, 0.05, 0.3, -0.1])
+
+    def poses_at(at):
+        way = (at * 1e-9)[:, None] * rate + np.array([-6.0, 0, 0, 0, np.pi - 0.4, 0])
+        way[:, 4] = (way[:, 4] + np.pi) % (2 * np.pi) - np.pi  # it turns past astern
+        way[(at < stamps[0]) | (at > stamps[-1])] = np.nan
+        return way[:, :5], way[:, 5]
+
+    recording = Recording(np.zeros((10, 5, 5)), *poses_at(stamps), stamps, poses_at=poses_at)
+    np.testing.assert_allclose(rates_of(recording).rates, np.tile(rate, (10, 1)), rtol=1e-6)
 
 
 def test_clocks_that_agree_leave_a_calibration_as_it_is():

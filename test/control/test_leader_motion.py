@@ -70,6 +70,15 @@ def test_a_leader_that_turned_is_expected_to_turn_on_for_a_while():
     assert motion.place[1] > 0.3
 
 
+@pytest.mark.parametrize("turn", [0.4, -0.2])
+def test_the_way_of_a_step_is_the_chord_of_its_arc(turn):
+    motion = later(gone(turn=(0.0, turn)), 0.5, 0.5)
+    angle, radius = 0.5 * turn, 0.5 / turn
+    chord = [radius * np.sin(angle), radius * (1 - np.cos(angle)), 0.0]
+    np.testing.assert_allclose(motion.place, chord, atol=1e-3)
+    assert motion.heading[1] == pytest.approx(angle)
+
+
 @pytest.mark.parametrize("pose", [STATION, POSE])
 def test_what_a_pose_knows_of_its_leader_follows_from_its_slopes(pose):
     root = np.diag([0.3, 0.05, 0.08, 0.02, 0.04]) + 0.01 * np.tri(5)

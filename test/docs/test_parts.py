@@ -87,7 +87,7 @@ def test_the_budget_has_the_figures_of_the_parts():
 
 def test_guide_and_schematic_name_the_parts_that_are_ordered():
     orders = [part.order for group in parts_list.PARTS.values() for part in group]
-    drawn = ElementTree.fromstring(reference.drawings()["schematic.svg"]).itertext()
+    drawn = ElementTree.fromstring(reference.drawing("schematic.svg")).itertext()
     drawn = " ".join("".join(drawn).split())
     for name in ("LDD-700H", "BPW34", "OPA376", "ADS131M08", "TSR 1-2450", "Teensy 4.1"):
         assert any(name in order for order in orders), name

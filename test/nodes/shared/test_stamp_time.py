@@ -64,16 +64,17 @@ def test_a_delay_is_an_age_and_no_step_of_a_clock(monkeypatch):
     assert [sea.age_s(delay) for delay in delays] == pytest.approx(delays, abs=1e-6)
 
 
-def test_a_clock_that_drifts_with_the_sensors_is_followed(monkeypatch):
-    """By 50 ppm, as NTP slews both: half a second in three hours."""
-    sea = Sea(monkeypatch)
+@pytest.mark.parametrize(("off_s", "taken_s"), [(0.0, LATENCY_S), (-3600.0, 0.0)])
+def test_a_clock_that_drifts_with_the_sensors_is_followed(monkeypatch, off_s, taken_s):
+    """By 50 ppm, as NTP slews both: half a second in three hours. One may be off all the while."""
+    sea = Sea(monkeypatch, off_s)
     for _ in range(3000):
         sea.now_s += 3.5
         sea.own_s += 1.8e-4
         sea.sensor_s += 1.8e-4
         age_s = sea.age_s()
     assert sea.own_s - 1.7e9 > 0.5
-    assert age_s == pytest.approx(LATENCY_S, abs=0.002)
+    assert age_s == pytest.approx(taken_s, abs=0.002)
 
 
 def test_a_stamp_that_comes_again_and_one_that_comes_late_have_their_place(monkeypatch):

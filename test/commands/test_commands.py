@@ -48,7 +48,7 @@ def test_what_is_no_command_is_refused_with_the_usage(capsys, words):
 def test_follow_ends_by_itself_with_a_summary_a_picture_and_a_bag(tmp_path):
     picture, bag = tmp_path / "run.png", tmp_path / "run"
     record = ("--record", bag) if importlib.util.find_spec("rosbags") else ()
-    with follow("--duration", "4", "--seed", "1", "--output", picture, *record) as process:
+    with follow("--duration", "2", "--seed", "1", "--output", picture, *record) as process:
         out, _ = ended(process)
     assert re.search(r"^sea: drawn from the prior of scene follow, seed 1: lamp.power x", out, re.M)
     poses, images = map(int, re.search(r"(\d+) poses from (\d+) images", out).groups())

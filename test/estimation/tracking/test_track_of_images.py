@@ -19,6 +19,7 @@ from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.drives import course
 
 POSE = np.array([-6.0, 0.2, -0.1, 0.05, -0.04])
+NEAR = np.array([-5.0, 0.2, -0.1, 0.05, -0.04])
 
 
 @pytest.fixture(scope="module")
@@ -233,6 +234,28 @@ def long_drive(estimator, seed):
         for said in (frame.estimate, frame.track) if k >= 480 else ():
             squares.append(squared_error(said, pose))
     return np.mean(squares)
+
+
+@pytest.mark.parametrize("move", [[0.1, 0.05, -0.05, 0.02, 0.03], [-0.15, 0.1, 0.1, 0.05, -0.05]])
+def test_readings_are_linearised_once_more_near_the_beginning_of_their_correction(estimator, move):
+    """A quarter of the way, by the part of the readings that depends on the pose."""
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(1)
+    tracker, near, tracks = Tracker(TrackerSettings(), estimator.constants), {}, []
+    for k, off in enumerate((np.zeros(5), np.zeros(5), np.zeros(5), np.array(move))):
+        image = model.read(model.light(NEAR + off), rng)
+        found, asked = estimator.estimate(image, uneven=0.1), []
+        near[k] = estimator.lineariser(found, image)
+
+        def relinearise(at, k=k, asked=asked):
+            asked.append(at)
+            return near[k](at)
+
+        frame = (k + 10) * 100_000_000, found.pose, found.covariance, found.readings
+        tracks.append(tracker.update(*frame, relinearise))
+    predicted = tracks[-2].pose + 0.1 * tracks[-2].rate
+    way = tracks[-1].pose - predicted
+    assert np.linalg.norm(way[:3]) > 0.05
+    assert 0.15 < (asked[0][:5] - predicted) @ way / (way @ way) < 0.35
 
 
 def test_what_is_learnt_for_long_is_not_pulled_to_one_side(estimator):

@@ -12,9 +12,13 @@ from scipy.special import erfcx, log_ndtr, ndtr
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import (
     borrowed,
+    cos,
     exp,
     expm1,
+    maximum,
+    minimum,
     partition,
+    sin,
     workspace,
     zeros,
 )
@@ -123,6 +127,7 @@ def spaced(low, high, count=20_000):
 UP = np.geomspace(1e-300, 700, 400)
 POWERS = [spaced(-708, 700), spaced(-1, 1), [0.0, -0.0, -1e-300, -707.99, 700]]
 SCALED = [spaced(-26, 40), 10 ** spaced(1, 150), [0.0, 24.99, 25.0, 25.01]]
+TURNS = [spaced(-7, 7), np.pi / 2 * np.arange(-4, 5), [0.0, -0.0, 1e-300]]
 NORMAL = [spaced(-40, 10), -(10 ** spaced(0, 100)), [0.0, -1.0, -0.999, 37.0]]
 NAN, INF = np.nan, np.inf
 
@@ -132,6 +137,8 @@ NAN, INF = np.nan, np.inf
     [
         (exp, POWERS, 4e-16, 0, {-708.1: 0, -1e200: 0, -INF: 0, NAN: NAN}),
         (expm1, [-UP, [0.0], UP], 1e-15, 0, {-1e5: -1, -INF: -1}),
+        (sin, TURNS, 0, 4e-16, {600.0: np.sin(600.0), NAN: NAN, INF: NAN}),
+        (cos, TURNS, 0, 4e-16, {600.0: np.cos(600.0), NAN: NAN, INF: NAN}),
         (erfcx, SCALED, 1e-12, 0, {}),
         (ndtr, NORMAL, 1e-12, 1e-300, {-1e100: 0.0, 1e100: 1.0}),
         (log_ndtr, NORMAL, 1e-12, 1e-300, {-1e100: -5e199}),
@@ -144,6 +151,15 @@ def test_a_function_is_that_of_numpy_or_scipy(theirs, numbers, rtol, atol, edges
     np.testing.assert_allclose(found, theirs(numbers), rtol=rtol, atol=atol)
     at_edges = [function(x) for x in edges]
     np.testing.assert_allclose(at_edges, list(edges.values()), rtol=1e-6)
+
+
+@both
+def test_the_larger_and_the_smaller_keep_a_nan_that_is_given_first(fast):
+    larger = as_given(lambda x, low: maximum(x, low), fast)
+    smaller = as_given(lambda x, high: minimum(x, high), fast)
+    for x in (-INF, -3.0, 1.0, 2.0, 5.0, INF):
+        assert (larger(x, 1.0), smaller(x, 2.0)) == (max(x, 1.0), min(x, 2.0))
+    assert np.isnan([larger(NAN, 0.0), smaller(NAN, 1.0)]).all()
 
 
 def test_without_numba_asking_for_it_is_refused_with_the_cure_and_numpy_goes_on():

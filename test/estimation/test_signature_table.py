@@ -26,9 +26,11 @@ from uuv_optical_array.estimation.signature_table import (
     grid_parameters,
     grid_poses,
     machine_bytes,
+    pose_blocks,
     table_compiler,
 )
 from uuv_optical_array.forward.lamps import together
+from uuv_optical_array.forward.many_poses import expected_readings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
@@ -158,6 +160,16 @@ def test_grid_poses_are_those_of_all_combinations():
     np.testing.assert_array_equal(grid_poses(axes, [[7, 119], [0, 7]])[1, 1], every[7])
 
 
+@pytest.mark.parametrize("size", [1, 4, 19, 20, 64, 1000])
+def test_blocks_of_a_grid_follow_each_other(size):
+    axes = [np.arange(n) + 0.5 * n for n in (2, 3, 1, 4, 5)]
+    every = np.array(list(itertools.product(*axes)))
+    for rows in (range(120), range(7, 113)):
+        blocks = list(pose_blocks(axes, rows, size))
+        assert [block.shape[1] for block in blocks[:-1]] == [size] * (len(blocks) - 1)
+        np.testing.assert_array_equal(np.concatenate(blocks, axis=1).T, every[rows])
+
+
 def test_poses_count_from_the_threshold_of_light_on_and_the_dark_ones_are_left_out():
     scene = scene_with(x_m=[-5.0, 5.0, 5], y_m=[-3.0, 3.0, 25])
     poses, peaks, parameters = rows_by_hand(scene)
@@ -170,7 +182,8 @@ def test_poses_count_from_the_threshold_of_light_on_and_the_dark_ones_are_left_o
     np.testing.assert_allclose(build_table(scene).poses, poses[peaks >= 1], atol=1e-14)
     assert ((peaks > 0.5) & (peaks < 1)).any()
     # A pose at the threshold has light.
-    at = ForwardModel(scene).expected(poses).max(axis=(1, 2))
+    model = ForwardModel(scene)
+    at = expected_readings(model, model.optics(), poses).max(axis=0)
     threshold = at[(at > 1) & (at < 900)][0]
     assert len(build_table(scene, threshold).poses) == (at >= threshold).sum()
 

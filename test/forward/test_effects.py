@@ -178,7 +178,8 @@ def test_scattering_spreads_the_light_and_loses_what_its_law_says(b, length):
     sigma, eta = math.radians(4), np.linspace(1e-9, math.radians(70), 20_001)
     angle = eta**2 / 2, np.cos(eta), np.sin(eta) / eta
     source = weighed(angle, sigma, b * length, 1.0, 1.0)
-    light, of_light = scattered_light(length, angle, 1.0, -np.cos(eta), 1.0, sigma, b, source)
+    to_lamp = length, 1 / length, angle, 1.0, -np.cos(eta)
+    light, of_light = scattered_light(*to_lamp, 1.0, sigma, b, source)
     flux, incidence = light[0], of_light[0]
     # The normal looks back along the ray: what passes a sphere about the lamp.
     power = trapezoid(flux * incidence * eta, eta) * length**2

@@ -9,10 +9,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy import arctan2, cos, hypot, sin
+from numpy import arctan2, hypot
 from numpy.typing import ArrayLike, NDArray
 
-from uuv_optical_array.core.numerics.elementwise import law
+from uuv_optical_array.core.numerics.elementwise import cos, law, sin
 
 DOF_NAMES = ("x", "y", "z", "pitch", "yaw")
 X, Y, Z, PITCH, YAW = range(5)

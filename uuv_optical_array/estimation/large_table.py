@@ -35,7 +35,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
 FORMAT = 3
-BLOCK_ROWS = 16 * BLOCK_POSES  # 2.6 MB, a fraction of a second of work
+BLOCK_ROWS = 32 * BLOCK_POSES  # 2.6 MB, a fraction of a second of work
 WAIT_S = 30.0
 RETRIES = 2  # of a block whose worker lives and fails, as a shared disk may
 # What Zarr raises for a damaged block depends on its version and on the damage.

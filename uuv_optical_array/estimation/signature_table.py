@@ -3,7 +3,7 @@
 import math
 import os
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
 from functools import cache, cached_property
 from pathlib import Path
@@ -21,7 +21,7 @@ from uuv_optical_array.forward.many_poses import expected_readings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, TableSettings, load_scene
 
-BLOCK_POSES = 4096  # keeps what is written of a detector in the processor's cache
+BLOCK_POSES = 2048  # keeps what is written of a detector in the processor's cache
 BLOCK_READINGS = 1 << 21  # limits the memory of larger arrays
 WORTH_LOADING = 100_000  # poses from which that of compiled code takes less time than it saves
 DONE, EXAMPLE = "table.done", "reference"  # what is compiled is the same in every scene
@@ -86,6 +86,24 @@ def grid_poses(axes: list[Array], rows: ArrayLike) -> Array:
     return poses
 
 
+def pose_blocks(axes: list[Array], rows: range, size: int) -> Iterator[Array]:
+    """Yield the poses of rows of a grid, components first, in blocks of up to so many."""
+    # The axes that vary within a block repeat themselves, and are copied from a row of them.
+    inner, period = len(axes), 1
+    while inner and period * len(axes[inner - 1]) <= size:
+        inner -= 1
+        period *= len(axes[inner])
+    pattern = grid_poses(axes[inner:], np.arange(period + size) % period).T.copy()
+    for start in range(0, len(rows), size):
+        part = rows[start : start + size]
+        first, place = divmod(part.start, period)
+        outer = grid_poses(axes[:inner], np.arange(first, (part.stop - 1) // period + 1))
+        poses = np.empty((len(axes), len(part)))
+        poses[:inner] = np.repeat(outer.T, period, axis=1)[:, place : place + len(part)]
+        poses[inner:] = pattern[:, place : place + len(part)]
+        yield poses
+
+
 def grid_parameters(
     model: ForwardModel,
     rows: range,
@@ -100,16 +118,16 @@ def grid_parameters(
     parameters = np.empty((5, len(rows)))  # so that a block is copied by rows
     optics = model.optics()
     detectors = scene.array.detectors_per_side**2
+    full_scale = scene.full_scale_counts
+    least = (min_peak_counts + scene.lamp_count * model.noise.black) / full_scale
     size = min(BLOCK_POSES, max(BLOCK_READINGS // (scene.lamp_count * detectors), 1))
-    for start in progress(range(0, len(rows), size)):
-        part = rows[start : start + size]
-        poses = grid_poses(axes, np.arange(part.start, part.stop))
-        readings = expected_readings(model, optics, poses)
-        dark = readings.max(axis=0) - model.noise.black < min_peak_counts
+    blocks = zip(progress(range(0, len(rows), size)), pose_blocks(axes, rows, size), strict=False)
+    for start, poses in blocks:
+        readings = expected_readings(model, optics, poses.T)
         if scene.lamps:
-            readings = readings.reshape(-1, detectors, len(dark)).sum(axis=0)
-        found = parameters_of(readings, scene.full_scale_counts, scene.signature.peak)
-        found[:, dark] = np.nan
+            readings = readings.reshape(-1, detectors, poses.shape[1]).sum(axis=0)
+        found = parameters_of(readings, full_scale, scene.signature.peak)
+        found[:, found[0] < least] = np.nan
         parameters[:, start : start + size] = found
     return parameters.T
 

@@ -4,14 +4,16 @@ Its loops run over the poses, one detector after the other: to NumPy each is a f
 long rows, and Numba makes vectors of it (see `core.numerics.elementwise`).
 """
 
+import math
 from typing import Any
 
 import numpy as np
-from numpy import cos, sin
+from numpy import sqrt
 
-from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z, in_body, rotation
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z, dot, in_body, rotation
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import indices, law
+from uuv_optical_array.core.numerics.elementwise import choose, cos, indices, law, sin, total
+from uuv_optical_array.forward.effects.water import beer_exponent
 from uuv_optical_array.forward.lamps import (
     AXIS_PITCH,
     AXIS_YAW,
@@ -23,18 +25,18 @@ from uuv_optical_array.forward.lamps import (
 )
 from uuv_optical_array.forward.light import (
     ALONG,
-    AXIAL,
-    COSINE,
     HALF_SQUARE,
     INCIDENCE,
+    INVERSE,
     RANGE,
     gaussian,
     lambert,
     lamp_light,
     ray,
+    to_nearer_end,
 )
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import Optics, transmit
+from uuv_optical_array.forward.optics import BEER, Optics, transmit
 from uuv_optical_array.forward.scattering import joined, scattered_light, weighed
 
 RAYS = ALONG + 1  # rows of the rays
@@ -59,28 +61,48 @@ def follow_light(place: Any, normal: Any, lamps: Any, rays: Any) -> None:
     for i in indices(lamps.shape[1]):
         to = lamps[0, i] - x, lamps[1, i] - y, lamps[2, i] - z
         axis = lamps[3, i], lamps[4, i], lamps[5, i]
-        range_m, half_square, cosine, axial, along_m, _ = ray(to, normal, axis)
-        rays[RANGE, i], rays[HALF_SQUARE, i], rays[INCIDENCE, i] = range_m, half_square, cosine
-        rays[COSINE, i], rays[AXIAL, i], rays[ALONG, i] = cosine, axial, along_m
+        range_m, inverse, half_sine_squared, cosine, _, along_m = ray(to, normal, axis)
+        rays[RANGE, i], rays[INVERSE, i], rays[INCIDENCE, i] = range_m, inverse, cosine
+        relation, squared = to_nearer_end(half_sine_squared)
+        rays[ALONG, i], rays[HALF_SQUARE, i] = along_m, 0.5 * squared * relation * relation
+    behind = 0.0
+    for i in indices(lamps.shape[1]):
+        behind += total(choose(rays[ALONG, i] < 0, 1.0, 0.0))
+    if behind > 0:  # few poses of a table are, and a root takes as long as 24 products
+        for i in indices(lamps.shape[1]):
+            half_square = rays[HALF_SQUARE, i]
+            other = math.pi - sqrt(2 * half_square)
+            rays[HALF_SQUARE, i] = choose(rays[ALONG, i] < 0, 0.5 * other * other, half_square)
 
 
-def shine_clear(rays: Any, power: Any, sigma_rad: Any, gaussians: Any, light: Any) -> None:
-    """Write the light of rays, shape ``(1, m)``, in water without scattering."""
+def shine_clear(
+    rays: Any, power: Any, sigma_rad: Any, gaussians: Any, k_per_m: float, light: Any
+) -> None:
+    """Write the light of rays, shape ``(1, m)``, in water that does not scatter, by Beer's law."""
     weights, widths = gaussians[0], gaussians[1]
     for i in indices(rays.shape[1]):
-        light[0, i], _ = gaussian(rays[HALF_SQUARE, i], sigma_rad, weights[0], widths[0])
+        beam = rays[HALF_SQUARE, i], sigma_rad, weights[0], widths[0]
+        light[0, i], _ = gaussian(*beam, beer_exponent(rays[RANGE, i], k_per_m))
     for k in range(1, len(weights)):
         weight, width = weights[k], widths[k]
         for i in indices(rays.shape[1]):
-            part, _ = gaussian(rays[HALF_SQUARE, i], sigma_rad, weight, width)
+            exponent = beer_exponent(rays[RANGE, i], k_per_m)
+            part, _ = gaussian(rays[HALF_SQUARE, i], sigma_rad, weight, width, exponent)
             light[0, i] += part
     for i in indices(rays.shape[1]):
-        to_lamp = rays[RANGE, i], rays[HALF_SQUARE, i], rays[INCIDENCE, i]
+        to_lamp = rays[INVERSE, i], rays[HALF_SQUARE, i], rays[INCIDENCE, i]
         light[0, i], _, _, _ = lamp_light(*to_lamp, power, sigma_rad, light[0, i], 0.0)
 
 
 def shine_scattered(
-    rays: Any, power: Any, sigma_rad: Any, gaussians: Any, scattering_per_m: Any, light: Any
+    rays: Any,
+    normal: Any,
+    lamps: Any,
+    power: Any,
+    sigma_rad: Any,
+    gaussians: Any,
+    scattering_per_m: Any,
+    light: Any,
 ) -> None:
     """Write the same in water that scatters, and the incidence there."""
     weights, widths, advances = gaussians[0], gaussians[1], rays[RAYS]
@@ -98,7 +120,8 @@ def shine_scattered(
     for i in indices(rays.shape[1]):
         range_m, angle = rays[RANGE, i], angle_at(rays, i)
         source = source_of(light[0, i], advances[i])
-        to_lamp = range_m, angle, rays[COSINE, i], rays[AXIAL, i]
+        axial = dot((lamps[3, i], lamps[4, i], lamps[5, i]), normal)
+        to_lamp = range_m, rays[INVERSE, i], angle, rays[INCIDENCE, i], axial
         (flux, _, _, _, _), (incidence, _, _, _, _, _) = scattered_light(
             *to_lamp, power, sigma_rad, scattering_per_m, source
         )
@@ -109,7 +132,7 @@ def shine_scattered(
 @law
 def angle_at(rays: Any, i: Any) -> tuple[Any, Any, Any]:
     """Return the angle off the axis of ray i, as of `scattered_light`, for light without slopes."""
-    return rays[HALF_SQUARE, i], rays[ALONG, i] / rays[RANGE, i], 1.0
+    return rays[HALF_SQUARE, i], rays[ALONG, i] * rays[INVERSE, i], 1.0
 
 
 @law
@@ -127,7 +150,10 @@ def write_arriving(optics: Optics, poses: Any, light: Any) -> None:
     """
     detectors, n, m = optics.detectors, optics.detectors.shape[1], poses.shape[1]
     lamps, rays = np.empty((6, m)), np.empty((RAYS + 1, m))
-    settings = optics.law_settings
+    settings, k_per_m = optics.law_settings, 0.0
+    for q in range(len(optics.laws)):
+        if optics.laws[q] == BEER:
+            k_per_m += settings[q, 0]
     for i in range(optics.lamps.shape[1]):
         at = optics.lamps[:, i]
         pitch, yaw = at[AXIS_PITCH], at[AXIS_YAW]
@@ -140,12 +166,15 @@ def write_arriving(optics: Optics, poses: Any, light: Any) -> None:
             own = light[i * n + k : i * n + k + 1]
             follow_light(place, normal, lamps, rays)
             if optics.scattering_per_m > 0:
-                shine_scattered(rays, *lamp, optics.gaussians, optics.scattering_per_m, own)
+                shine_scattered(
+                    rays, normal, lamps, *lamp, optics.gaussians, optics.scattering_per_m, own
+                )
             else:
-                shine_clear(rays, *lamp, optics.gaussians, own)
+                shine_clear(rays, *lamp, optics.gaussians, k_per_m, own)
             for q in range(len(optics.laws)):
-                a, b, c = settings[q, 0], settings[q, 1], settings[q, 2]
-                transmit(optics.laws[q], rays, a, b, c, own, 0, False)
+                if optics.laws[q] != BEER or optics.scattering_per_m > 0:
+                    a, b, c = settings[q, 0], settings[q, 1], settings[q, 2]
+                    transmit(optics.laws[q], rays, a, b, c, own, 0, False)
 
 
 def expected_readings(model: ForwardModel, optics: Optics, poses: Array) -> Array:

@@ -376,7 +376,7 @@ class ForwardModel:
     def _traced(
         self, optics: Optics, lamp: Array, attitude: Any, offset: Array
     ) -> Iterator[tuple[Array, Array]]:
-        """Yield the rays from each lamp, shape ``(13, m, n)``, and its axis in ``base_link``."""
+        """Yield the rays from each lamp, shape ``(14, m, n)``, and its axis in ``base_link``."""
         for i in range(optics.lamps.shape[1]):
             known, none = (optics.lamps, optics.lamp_at, i, attitude, offset), np.zeros((6, 0))
             one = one_of_lamps(*known, lamp, none, none, none)

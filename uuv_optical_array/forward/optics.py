@@ -8,7 +8,7 @@ compiled code it is a number, of one pose.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from numpy import maximum, sqrt
+from numpy import sqrt
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import (
@@ -17,6 +17,7 @@ from uuv_optical_array.core.numerics.elementwise import (
     exp,
     indices,
     law,
+    maximum,
     sandwich,
     workspace,
     zeros,
@@ -37,6 +38,7 @@ from uuv_optical_array.forward.light import (
     COSINE,
     HALF_SQUARE,
     INCIDENCE,
+    INVERSE,
     NORMAL_X,
     NORMAL_Y,
     NORMAL_Z,
@@ -50,6 +52,7 @@ from uuv_optical_array.forward.light import (
     gaussian,
     lambert,
     lamp_light,
+    off_axis,
     ray,
     slopes_by_lamp,
 )
@@ -130,7 +133,7 @@ class Optics(NamedTuple):
 
 
 def trace(optics: Optics, lamp: Any, nuisances: Any, rays: Any) -> None:
-    """Write the `light.ray` from the lamp (six components) to each detector, ``(13, ..., n)``."""
+    """Write the `light.ray` from the lamp (six components) to each detector, ``(14, ..., n)``."""
     lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp
     axis = axis_x, axis_y, axis_z
     detectors, flatter, scale = optics.detectors, optics.radius_at >= 0, 1.0
@@ -150,9 +153,10 @@ def trace(optics: Optics, lamp: Any, nuisances: Any, rays: Any) -> None:
     for j in indices(detectors.shape[1]):
         to = rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j]
         normal = rays[NORMAL_X, j], rays[NORMAL_Y, j], rays[NORMAL_Z, j]
-        range_m, half_square, cosine, axial, along_m, turn = ray(to, normal, axis)
-        rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j] = range_m, half_square, cosine
-        rays[INCIDENCE, j], rays[AXIAL, j] = cosine, axial
+        range_m, inverse, half_sine_squared, cosine, axial, along_m = ray(to, normal, axis)
+        half_square, turn = off_axis(along_m, half_sine_squared, inverse)
+        rays[RANGE, j], rays[INVERSE, j], rays[HALF_SQUARE, j] = range_m, inverse, half_square
+        rays[COSINE, j], rays[INCIDENCE, j], rays[AXIAL, j] = cosine, cosine, axial
         rays[ALONG, j], rays[TURN, j] = along_m, turn
 
 
@@ -171,7 +175,7 @@ def shine(rays: Any, power: Any, beam_sigma_rad: Any, gaussians: Any, beam: Any)
             whole = added(beam[LIGHT, j], beam[BY_HALF_SQUARE, j], part, slope)
             beam[LIGHT, j], beam[BY_HALF_SQUARE, j] = whole
     for j in indices(n):
-        to_lamp = rays[RANGE, j], rays[HALF_SQUARE, j], rays[INCIDENCE, j]
+        to_lamp = rays[INVERSE, j], rays[HALF_SQUARE, j], rays[INCIDENCE, j]
         radiant = beam[LIGHT, j], beam[BY_HALF_SQUARE, j]
         light, by_range, by_incidence, by_sigma = lamp_light(
             *to_lamp, power, beam_sigma_rad, *radiant
@@ -199,6 +203,7 @@ def scatter(
     for j in indices(n):
         light, incidence = scattered_light(
             rays[RANGE, j],
+            rays[INVERSE, j],
             angle_at(rays, j),
             rays[COSINE, j],
             rays[AXIAL, j],
@@ -236,8 +241,8 @@ def source_at(beam: Any, j: Any) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any
 @law
 def angle_at(rays: Any, j: Any) -> tuple[Any, Any, Any]:
     """Return the angle off the axis of reading j, as of `scattered_light`."""
-    range_m = rays[RANGE, j]
-    return rays[HALF_SQUARE, j], rays[ALONG, j] / range_m, 1 / (rays[TURN, j] * range_m)
+    inverse = rays[INVERSE, j]
+    return rays[HALF_SQUARE, j], rays[ALONG, j] * inverse, inverse / rays[TURN, j]
 
 
 def write_light(
@@ -311,7 +316,7 @@ def illuminate(
     """Write the rays from lamp i to each detector and the light that arrives there.
 
     Lamp and axis are six components, nuisances ``(q, ...)``. Results are rows of `light.ray`,
-    ``(13, ..., n)``, and of the beam with those of laws, ``(11 + laws, ..., n)``.
+    ``(14, ..., n)``, and of the beam with those of laws, ``(11 + laws, ..., n)``.
     """
     power, beam_sigma_rad = optics.power * optics.lamps[SHARE, i], optics.lamps[SIGMA, i]
     scattering_per_m = optics.scattering_per_m
@@ -368,7 +373,7 @@ def project(
             lean * beam[IN_COSINE, j],
         )
         radial, facing, bend = slopes_by_lamp(
-            by_ray, rays[RANGE, j], rays[COSINE, j], rays[ALONG, j], rays[TURN, j]
+            by_ray, rays[INVERSE, j], rays[COSINE, j], rays[ALONG, j], rays[TURN, j]
         )
         by_axial = lean * beam[IN_AXIAL, j]
         to_x, to_y, to_z = rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j]
@@ -409,7 +414,7 @@ def project(
     if optics.radius_at >= 0:
         radius_m = optics.radius_m * exp(nuisances[optics.radius_at])
         for j in indices(n):
-            lean, over = image[0, j] * beam[BY_INCIDENCE, j], 1 / rays[RANGE, j]
+            lean, over = image[0, j] * beam[BY_INCIDENCE, j], rays[INVERSE, j]
             straight, axial = lean * beam[IN_COSINE, j] * over, lean * beam[IN_AXIAL, j]
             # The sphere's front moves ahead, and all normals lean towards it.
             ahead = 1 / rays[NORMAL_X, j]

@@ -19,9 +19,9 @@ for sea water. The absorption is a factor that `effects.water.beer` describes.
 
 from typing import Any
 
-from numpy import maximum, minimum, sqrt
+from numpy import sqrt
 
-from uuv_optical_array.core.numerics.elementwise import choose, exp, expm1, law
+from uuv_optical_array.core.numerics.elementwise import choose, exp, expm1, law, maximum, minimum
 
 CORE, HALO = 0.0013, 0.0754  # C and H, rad^2
 SHARE, LOSS = 0.188, 0.0562  # B and K
@@ -153,6 +153,7 @@ def weighed(
 @law
 def scattered_light(
     range_m: Any,
+    inverse: Any,
     angle: Any,
     cosine: Any,
     axial: Any,
@@ -163,7 +164,7 @@ def scattered_light(
 ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Flux of the lamp's light at a detector in water that scatters, without absorption.
 
-    - range_m, cosine, axial: as `light.ray` returns them.
+    - range_m, inverse, cosine, axial: as `light.ray` returns them.
     - angle: off the axis: half its square, its cosine, and its sine over itself.
     - source: what the light seems to come from, of all Gaussians, `joined` and `weighed`.
     - returned flux, by_range, by_half_square, by_sigma, by_scattering: counts, and slopes of its
@@ -184,9 +185,8 @@ def scattered_light(
     by_depth = strength_depth + pull * advance_depth - lost
     by_half = strength_half + pull * advance_half + turned
     by_narrow = strength_narrow + pull * advance_narrow
-    inverse = 1 / range_m
     flux = power * inverse * inverse * exp(-lost) * maximum(strength, 0.0) * distance
-    incidence = minimum((cosine + advance * axial) / distance, 1.0)
+    incidence = minimum((cosine + advance * axial) * nearness, 1.0)
     swing = axial * nearness - incidence * pull
     width = 2 * beam_sigma_rad
     by_range, in_range = (by_depth - 2) * inverse, swing * advance_depth * inverse

@@ -24,6 +24,13 @@ EXPONENTIAL = (
     *(0.008333333333319601, 0.0416666666664881, 0.1666666666666668),
     *(0.5000000000000019, 1.0, 1.0),
 )
+# sin(x) / x by powers of x^2 up to a quarter of a turn, highest first: minimax, right to 3e-19.
+SINE = (
+    *(2.7204797413775634e-15, -7.642917869710802e-13, 1.6058936492839012e-10),
+    *(-2.5052106798323757e-08, 2.755731921015326e-06, -0.00019841269841201843),
+    *(0.008333333333333165, -0.16666666666666666, 1.0),
+)
+PI_HIGH, PI_LOW = math.pi, 1.2246467991473532e-16  # their sum
 LOG2_HIGH, LOG2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # their sum
 SMALLEST = -708.0  # logarithm of the smallest number that is not subnormal, nearly
 ROUND = 1.5 * 2.0**52  # added to a number it leaves the nearest whole one in the last bits
@@ -80,6 +87,23 @@ def exponential_less_one(x):
     scale = np.int64((power + np.int64(1023)) << np.int64(52)).view(np.float64)
     value = scale * (rest * polynomial(EXPONENTIAL[:-1], rest)) + (scale - 1)
     return -1.0 if x < SMALLEST else value
+
+
+@inlined
+def sine(x):
+    """Return sin(x), as `elementwise.sin`."""
+    shifted = x * (1 / math.pi) + ROUND
+    half_turns = shifted - ROUND
+    rest = x - half_turns * PI_HIGH - half_turns * PI_LOW
+    value = rest * polynomial(SINE, rest * rest)
+    odd = np.float64(shifted).view(np.int64) << np.int64(63)
+    return np.int64(np.float64(value).view(np.int64) ^ odd).view(np.float64)
+
+
+@inlined
+def cosine(x):
+    """Return cos(x), as `elementwise.cos`."""
+    return sine(x + math.pi / 2)
 
 
 @inner
@@ -207,4 +231,9 @@ INSTEAD: dict[Any, Any] = {
     elementwise.beside: beside,
     elementwise.exp: exponential,
     elementwise.expm1: exponential_less_one,
+    elementwise.sin: sine,
+    elementwise.cos: cosine,
+    # One instruction each, where those of NumPy take four.
+    elementwise.maximum: inlined(lambda x, low: low if low > x else x),
+    elementwise.minimum: inlined(lambda x, high: high if high < x else x),
 }

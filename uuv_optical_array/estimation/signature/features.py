@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy import floor, maximum, minimum, sqrt
+from numpy import floor, sqrt
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
@@ -16,6 +16,8 @@ from uuv_optical_array.core.numerics.elementwise import (
     indices,
     indices_where,
     law,
+    maximum,
+    minimum,
 )
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.lamps import together
@@ -145,7 +147,7 @@ def write_parameters(
     brightest, places, tops = peaks[0], peaks[1], peaks[2]
     along, start, skews = peaks[3], peaks[4], peaks[5]
     wide, high, centres = flats[0], flats[1], flats[2:]
-    profiles, slopes = np.empty((side, m)), np.empty((side, m))
+    profiles, slopes, sides = np.empty((side, m)), np.empty((side, m)), np.zeros((2, m))
     # The images are the innermost loop everywhere, which a compiler turns into vectors.
     for i in indices(m):
         brightest[i], places[i], tops[i] = readings[0, i], 0.0, 1.0
@@ -175,9 +177,13 @@ def write_parameters(
         differentiate(profiles, slopes)
         write_skewness(slopes, skews)
         if subdetector:
+            # A choice from each row in turn makes vectors, a look-up of one place of each does not.
+            for k in range(side):
+                for i in indices(m):
+                    sides[0, i] = choose(along[i] == k + 1, profiles[k, i], sides[0, i])
+                    sides[1, i] = choose(along[i] == k - 1, profiles[k, i], sides[1, i])
             for i in indices(m):
-                before = at_place(profiles, maximum(along[i] - 1, 0), i)
-                after = at_place(profiles, minimum(along[i] + 1, last), i)
+                before, after = sides[0, i], sides[1, i]
                 inside = (along[i] > 0) & (along[i] < last)
                 offset = choose(inside, vertex(before, brightest[i], after), 0.0)
                 along[i] = choose(flat[i] > 0, centres[upright, i], along[i] + offset)

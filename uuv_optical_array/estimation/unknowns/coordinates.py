@@ -19,10 +19,17 @@ All functions take numbers, or components of many poses at once.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy import arctan2, cos, hypot, log, maximum, minimum, sin, sqrt
+from numpy import arctan2, cos, hypot, log, sin, sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, dot, lamp_in_body, pitched, rotation
-from uuv_optical_array.core.numerics.elementwise import choose, exp, law, stack
+from uuv_optical_array.core.numerics.elementwise import (
+    choose,
+    exp,
+    law,
+    maximum,
+    minimum,
+    stack,
+)
 from uuv_optical_array.forward.beam import UNIT, angle_of
 from uuv_optical_array.forward.lamps import SIGMA
 from uuv_optical_array.forward.light import off_axis, radiance
@@ -64,7 +71,8 @@ def frame_of(model: ForwardModel) -> CoordinateFrame:
         fluxes = []
         for _, _, width in parts:
             source = weighed(on_axis, width, per_m * range_m, 1.0, 1.0)
-            light, _ = scattered_light(range_m, on_axis, 1.0, -1.0, 1.0, width, per_m, source)
+            to_lamp = range_m, 1 / range_m, on_axis, 1.0, -1.0
+            light, _ = scattered_light(*to_lamp, 1.0, width, per_m, source)
             fluxes.append(light)
         parts = [
             (part[0] * float(flux[0]), -float(flux[1] + 2 / range_m), float((-flux[2]) ** -0.5))
@@ -124,7 +132,7 @@ def off_beam(sight: Any, source: Any) -> tuple[Any, Any]:
     cosine = dot(sight, source)
     off_x, off_y = sight[0] - cosine * source[0], sight[1] - cosine * source[1]
     off = off_x, off_y, sight[2] - cosine * source[2]
-    return off_axis(cosine, dot(off, off), 1.0)
+    return off_axis(cosine, 0.5 * dot(off, off) / (1 + abs(cosine)), 1.0)
 
 
 @law

@@ -31,9 +31,15 @@ def resolved_attenuation(settings: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 @law
+def beer_exponent(range_m: Any, k_per_m: Any) -> Any:
+    """Return the logarithm of what Beer's law leaves of the light."""
+    return -k_per_m * range_m
+
+
+@law
 def beer(range_m: Any, cosine: Any, k_per_m: Any, _b: Any, _c: Any) -> Any:
     """Beer's law, ``exp(-K r)``: a `Transmission` with K in 1/m."""
-    return exp(-k_per_m * range_m), -k_per_m, 0.0, -range_m
+    return exp(beer_exponent(range_m, k_per_m)), -k_per_m, 0.0, -range_m
 
 
 def attenuation(

@@ -4,6 +4,7 @@ A law is written once, for "the reading j". To NumPy j is a slice of all reading
 number. Between them only the functions of this module differ (see `compiled_math`).
 """
 
+import math
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
@@ -30,12 +31,17 @@ def exp(x: Any) -> Any:
 
 def sin(x: Any) -> Any:
     """Return what `numpy.sin` returns, of up to a hundred turns to 1e-13."""
-    return np.sin(x)
+    return math.sin(x) if finite_number(x) else np.sin(x)
 
 
 def cos(x: Any) -> Any:
     """Return what `numpy.cos` returns, of up to a hundred turns to 1e-13."""
-    return np.cos(x)
+    return math.cos(x) if finite_number(x) else np.cos(x)
+
+
+def finite_number(x: Any) -> bool:
+    """Say whether a value is a finite number, for which `math` takes a tenth of NumPy's time."""
+    return isinstance(x, float) and math.isfinite(x)
 
 
 def expm1(x: Any) -> Any:

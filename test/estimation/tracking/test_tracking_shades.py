@@ -7,7 +7,7 @@ import pytest
 from scenes import squared_error
 from tracks import NOISE, START_NS, STATION, STD, TENTH_NS
 
-from uuv_optical_array.estimation.tracking.correction import UNEVEN_DOUBT
+from uuv_optical_array.estimation.tracking.correction import UNNAMED_DOUBT
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -43,21 +43,27 @@ def test_a_track_claims_no_more_than_errors_that_last_allow(shaded, low, high):
 
 @pytest.mark.parametrize("share", [0.0, 0.2])
 @pytest.mark.parametrize(
-    ("shaded", "lasts", "times"),
-    [(0.0, 100, 1), (1.0, 0, UNEVEN_DOUBT), (1.0, 9, UNEVEN_DOUBT), (1.0, 100, 100)],
+    ("shaded", "named", "times"), [(0.0, False, 1), (1.0, True, 1), (1.0, False, UNNAMED_DOUBT)]
 )
-def test_poses_of_uneven_light_count_less_and_as_one_in_the_time_that_it_lasts(
-    shaded, lasts, times, share
-):
-    step_ns = 1000  # in which nothing moves
-    constants = Constants(unclear_lasts_s=lasts * step_ns * 1e-9)
+def test_poses_of_uneven_light_that_has_no_name_count_less(shaded, named, times, share):
+    constants = Constants(unclear_lasts_s=LASTS_S, names_shades=named)
     tracker = Tracker(TrackerSettings(common_share=share), constants=constants)
-    tracker.update(START_NS, STATION, NOISE, shaded=shaded)
-    track = tracker.update(START_NS + step_ns, STATION, NOISE, shaded=shaded)
-    # The mean of two poses, weighed by their variances, and the part that all frames share.
-    first = UNEVEN_DOUBT if shaded else 1
-    variance = (1 - share) / (1 / first + 1 / times) + share
-    np.testing.assert_allclose(track.covariance, variance * NOISE, 1e-3, 1e-9)
+    track = tracker.update(START_NS, STATION, NOISE, shaded=shaded)
+    variance = (1 - share) * times + share
+    np.testing.assert_allclose(track.covariance, variance * NOISE, 1e-9, 1e-12)
+
+
+@pytest.mark.parametrize(("shaded", "low", "high"), [(1.0, 0.97, 1.03), (0.0, 3.0, 6.0)])
+def test_poses_of_uneven_light_count_by_the_time_in_which_they_come(shaded, low, high):
+    constants = Constants(unclear_lasts_s=LASTS_S)
+    variances = []
+    for step_ns in (TENTH_NS, TENTH_NS // 10):
+        tracker = Tracker(TrackerSettings(common_share=0.0), constants=constants)
+        for stamp_ns in range(START_NS, START_NS + 100 * TENTH_NS + 1, step_ns):
+            track = tracker.update(stamp_ns, STATION, NOISE, shaded=shaded)
+        variances.append(track.covariance[0, 0])
+    # White noise of a tenth of the density leaves 10^(3/4) = 5.6 times less of a walking rate.
+    assert low < variances[0] / variances[1] < high
 
 
 def test_uneven_light_is_expected_to_last_and_then_as_often_as_usual():

@@ -7,7 +7,7 @@ the curvature of the light: either biases what is learnt, the same in each frame
 one of the five numbers that depend on the pose.
 
 A pose without readings is an observation of the pose itself. Its errors are noise, but for a share
-that all frames have in common, which stays out of the belief; those of uneven light count for more.
+that all frames have in common, which stays out of the belief; those of uneven light count for less.
 """
 
 import math
@@ -39,9 +39,9 @@ from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordin
 # Where constants are not known, what makes poses without readings broad is mostly the constants and
 # the shape of their posterior, not noise, and that is the same in all frames.
 BROAD_SHARE = 0.75
-# The poses of unevenly lit frames err by more than they say, and alike for as long as that light
-# lasts: their variance counts so many times, and more where more frames come in that time.
-UNEVEN_DOUBT = 18.0
+# Poses of unevenly lit frames err alike: they count as one in so long a time, s. Where the scene
+# does not name what shades them it may be anything, and their variance counts so many times.
+UNEVEN_S, UNNAMED_DOUBT = 0.7, 7.0
 # Place of the second linearisation, as a share of the correction: there the biases by noise and by
 # curvature are least in drives of 20 minutes through seas drawn from the prior.
 RELINEARISE_AT = 0.25
@@ -124,7 +124,8 @@ class Correction:
         """Return the lower root of the covariance of the new errors of a frame's pose."""
         variance = 1 - self.common_share(frame)
         if frame.uneven:
-            variance *= max(UNEVEN_DOUBT, self._constants.unclear_lasts_s / step_s)
+            doubt = 1.0 if self._constants.names_shades else UNNAMED_DOUBT
+            variance *= doubt * max(1.0, UNEVEN_S / step_s)
         return math.sqrt(variance) * frame.root
 
     def _by_readings(

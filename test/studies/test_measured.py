@@ -158,6 +158,22 @@ def ies(path, intensity):
     path.write_text(head + "\n".join([*numbers, table, ""]))
 
 
+@pytest.mark.parametrize(("power", "refused"), [(3.0, True), (2.5, False)])
+def test_places_that_follow_an_edge_that_is_no_gaussians_are_refused(power, refused, tmp_path):
+    """Of a steep edge three Gaussians leave 6 of 1000, and of a softer one 1."""
+
+    def beam(angle):
+        edge = np.exp(-np.log(2) * (angle / 8) ** power)
+        return 0.92 * edge + 0.08 * np.exp(-0.5 * (angle / 18) ** 2)
+
+    ies(tmp_path / "lamp.ies", beam)
+    (lamp,) = json_of(run, "study", "measured", tmp_path, "--poses", "1")["lamps"]
+    by_file = lamp["scenes"]["its file"]
+    assert not by_file["calibrated, exact"]["refusal"]
+    told = by_file["0.1 m, 2 deg"]["refusal"]
+    assert ("nearer to the beam's axis" in told and "diffuser" in told) == refused
+
+
 def test_a_lamp_is_tried_by_a_gaussian_and_by_its_file(tmp_path):
     """A beam of two Gaussians: its file is explained, one Gaussian is off as it is by scipy."""
 

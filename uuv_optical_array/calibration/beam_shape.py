@@ -15,7 +15,7 @@ from scipy.special import chdtri
 from uuv_optical_array.calibration.agreement import FALSE_REFUSAL
 from uuv_optical_array.calibration.fit import MOST_SHAPE, CalibrationFit
 from uuv_optical_array.calibration.parameters import SHAPE
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import Array, Y, Z
 from uuv_optical_array.forward.beam import NARROWEST_DEG, WIDEST_DEG, WIDTHS_OF_THREE
 from uuv_optical_array.forward.light import HALF_SQUARE
 
@@ -23,10 +23,11 @@ BINS = 24  # of the angle off the axis, with as many lit readings each
 LEAST_LIGHT = 3.0  # standard deviations of a lit reading
 # Share of what noise leaves unexplained from which the beam is the cause, or a part of it.
 BY_BEAM, PARTLY = 0.5, 0.2
-SIGNIFICANT = 5.0  # standard deviations of a sum of squares that noise gives
+SIGNIFICANT = 5.0  # standard deviations of what noise gives
 LEAST_WEIGHT = 0.05  # of a Gaussian: a lesser one costs a pose little, and scattering looks alike
 # Relative error of the light that the shape of the beam may leave: with more, poses are false.
 MOST_LEFT = 0.015
+MOST_SCALE = 0.02  # share of it by which all places may move away from the beam's axis
 FIT_SHAPE = (
     "give lamp.photometry, the file of the lamp, or set prior.beam_shape_std to 0.05, by which its "
     "shape is fitted"
@@ -110,6 +111,22 @@ def missing_shape(fit: CalibrationFit) -> MissingShape:
     return MissingShape(explained / max(1.0, misfit), share, (freed @ step)[shape])
 
 
+def common_scale(fit: CalibrationFit) -> tuple[float, float]:
+    """Return by which share of it all places move away from the beam's axis, and its error.
+
+    The latter is that of a mean of places that err as they say, each by itself.
+    """
+    likelihood = fit.likelihood
+    if likelihood.pose_std is None:
+        return 0.0, np.inf
+    _, first = np.unique(likelihood.places, return_index=True)
+    shifts = fit.state.at.shifts[:, Y : Z + 1]
+    aside = likelihood.poses[first, Y : Z + 1] + shifts
+    weights = likelihood.pose_std[:, Y : Z + 1] ** -2.0
+    told = float((aside**2 * weights).sum())
+    return float((aside * shifts * weights).sum()) / told, float(told**-0.5)
+
+
 def wrong_beam(fit: CalibrationFit) -> str:
     """Say that the beam has another shape than the scene's, where residuals say so; or nothing."""
     left = fit.likelihood.shape_std
@@ -123,6 +140,15 @@ def wrong_beam(fit: CalibrationFit) -> str:
         return (
             f"the model does not explain the images: it differs by {left:.1%} of the light, where "
             f"a beam of other shape may by {MOST_LEFT:.1%}; {CHECK}"
+        )
+    scale, error = common_scale(fit)
+    if fit.shaped and abs(scale) > max(SIGNIFICANT * error, MOST_SCALE):
+        nearer = "nearer to" if scale < 0 else "farther from"
+        return (
+            f"the images draw all places {abs(scale):.1%} {nearer} the beam's axis, "
+            f"{abs(scale) / error:.0f} standard errors of such places: the beam differs from the "
+            "scene's Gaussians by more than they can tell; measure places better, or take a "
+            "diffuser or a softer beam"
         )
     if missing_shape(fit).explains(BY_BEAM):
         return (

@@ -44,14 +44,15 @@ def part(
       a share of the range, with slopes.
     """
     half_square, off_axis, sine_ratio = angle
-    ratio, precision = narrow / variance, 1 / variance
+    # A division takes as long as ten products, so slopes take the square's inverse from the root's.
+    precision = 1 / variance
+    ratio = narrow * precision
     inverse = 1 / (1 + tilt * (1 - ratio))
     advance, by_ratio = 1 - inverse, -tilt * inverse * inverse
     by_depth, by_narrow = -by_ratio * ratio * growth * precision, by_ratio * (1 - ratio) * precision
-    # Slopes take the square's inverse from the root's: a division takes as long as ten products.
     distance = sqrt(1 + advance * (advance - 2 * off_axis))
     nearness = 1 / distance
-    strength = ratio * exp(-half_square / variance) / distance
+    strength = ratio * exp(-half_square * precision) * nearness
     closer = nearness * nearness
     pull = (off_axis - advance) * closer
     wider = half_square * precision - 1
@@ -108,7 +109,8 @@ def core_and_halo(
       of `part`.
     """
     x = SHARE * optical_depth
-    straight, scattered = exp(-x), -expm1(-x)
+    scattered = -expm1(-x)
+    straight = 1 - scattered
     core, core_growth = narrow + CORE / 3 * optical_depth, CORE / 3 * optical_depth
     many = x / scattered
     halo = core + HALO / 3 * many

@@ -17,9 +17,10 @@ from uuv_optical_array.control.formation import (
     bow_to,
     polar,
 )
-from uuv_optical_array.control.leader_belief import Goal, LeaderBelief, SightSettings
+from uuv_optical_array.control.leader_belief import Goal, LeaderBelief
 from uuv_optical_array.control.leader_motion import Glow, LeaderMotion, turning
 from uuv_optical_array.control.other_lamp import OtherLamp, within_reach
+from uuv_optical_array.control.sight import SightSettings
 from uuv_optical_array.control.told_motion import Told
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Quantity
@@ -201,10 +202,12 @@ class Darkness:
 
     def glimpse(self, pose: Array, covariance: Array) -> None:
         """Let a pose that does not steer yet guide the search."""
-        goal = self._belief.glimpse(self.own, pose, covariance)
-        self._glimpsed_s = self._now_s
-        if goal is not None:
-            self._goal, self._planned_s = goal, self._now_s
+        light = None
+        if self._glow is not None and self._lit is not None:
+            range_m, peak = self._lit
+            light = float(self._search.on_axis(range_m)) + math.log(self._glow.peak / peak)
+        self._goal = self._belief.glimpse(self.own, pose, covariance, light)
+        self._glimpsed_s = self._planned_s = self._now_s
 
     def found(self, pose: Array, others: bool) -> str:
         """Say after how long a pose came, and how far its lamp is from where it was expected.

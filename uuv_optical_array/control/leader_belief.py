@@ -3,37 +3,38 @@
 When the light goes, the lamp is at the origin of a frame that stays in the water, and the leader
 moves as it did last. From then on a fan of hypotheses spreads: each has the leader's speed or, as
 one that stopped, none, and a turn rate that goes from the last one to one of its own within
-`TURN_S`. Their weights tell how likely they are:
+`TURN_S`. Some of those that stopped go on after a while, beside their old way. Their weights tell
+how likely they are:
 
-- by a prior, which is that of how leaders turn (`TURNS`) and stop (`STOPPED`);
+- by a prior, which is that of how leaders turn (`TURNS`), stop (`STOPPED`) and pause (`PAUSED`);
 - less and less where the lamp would be seen from where the follower is, and no light comes. Light
   that went may stay away, so that this counts little at first, and what was seen dark in vain may
   be looked at again later.
 
 So a search goes from the likely places to the others, wider as they spread, and comes back. A
-glimpse of light, whose pose is not to be trusted yet, adds a hypothesis and weighs the others.
+glimpse of light, whose pose is not to be trusted yet, adds a hypothesis and weighs the others: by
+the pose, and by how bright each would be. In dim light a pose knows little more than on which side
+the lamp is, and its brightness says that it is at the edge of the beam.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from uuv_optical_array.control.leader_motion import TURN_S, LeaderMotion, seen_at
-from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
-from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.control.leader_motion import TURN_S, LeaderMotion, seen_at, slopes
+from uuv_optical_array.control.sight import SightSettings
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 
 # Turn rates that a leader may go over to, deg/s, and their prior, of yaw and of pitch.
 TURNS = (np.array([-6.0, -3.0, -1.5, 0.0, 1.5, 3.0, 6.0]), 2.5)
 CLIMBS = (np.array([-1.5, 0.0, 1.5]), 1.0)
 MOST_PITCH = 0.3  # rad; beyond it no leader climbs on
-TURNING_S = 10.0  # after which a leader that turned goes straight on, and one that drifts rests
+TURNING_S = 10.0  # after which a leader that turned goes straight on, and a drift ends
 PERSIST = (1.0, 0.3)  # shares of the last turn rate from which it does
-# Probability that a leader without light has changed its speed, each to one of these, m/s: it
-# stopped, or stopped and went aside, up, down or back.
-STOPPED = 0.15
+# Probabilities that a leader without light has changed its speed, each to one of these, m/s: it
+# stopped, or stopped and went aside, up, down or back; and that it went on after that.
+STOPPED, PAUSED = 0.15, 0.15
 # That it goes on beside another lamp that was seen beside it as its own light went.
 COMPANY = 0.5
 DRIFTS = np.array([[0, 0, 0], [0, 0.3, 0], [0, -0.3, 0], [0, 0, 0.25], [0, 0, -0.25], [-0.5, 0, 0]])
@@ -41,27 +42,21 @@ DARK_S = 30.0  # time constant of the probability that the lamp still gives no l
 LOOK_S = 4.0  # of looking at a lit lamp without seeing it, which makes it unlikely by e
 AGAIN_S = 60.0  # after which what was seen dark counts again
 LEAST = 0.02  # weight, of its prior, that a glimpse elsewhere leaves
+# Standard deviation of the logarithm of light that is expected, and by how many it tells at most:
+# clouds take light, too.
+LIGHT_STD, MOST_STDS = 0.7, 4.0
 ARRAY_DEG = 70.0  # off the bow, to where detectors see
-NEAREST_M = 0.5
-GLIMPSED_RAD = 0.6  # standard deviation of its angles below which a glimpse is a hypothesis
+# Variances of a leader's place and heading beside a hypothesis, m^2 and rad^2, and the standard
+# deviation of a glimpse's place, m, beyond which it is vague.
+BESIDE, VAGUE_M = np.diag([0.25, 0.25, 0.25, 0.01, 0.01]), 1.0
 ARRIVAL_S = 20.0  # a place that is reached so much later is worth less by e
 # How many of the likely leaders are looked at, from how far behind, in stations, and for how long;
 # by how much another place has to be better than to stay.
-LIKELY, TRAILS, LOOKS_S, STAYS = 24, (1.0, 2.0), 8.0, 1.1
+LIKELY, TRAIL, LOOKS_S, STAYS = 24, 2.0, 8.0, 1.1
 # Starts: where the lamp may be beside the place where a follower on station would see it.
 ASIDE_M, AHEAD_M, ABOVE_M = (-6.0, -3.0, 0.0, 3.0, 6.0), (-3.0, 0.0, 4.0, 8.0), (-1.5, 0.0, 1.5)
 TURNED_DEG = (-120.0, -60.0, 0.0, 60.0, 120.0)
 START_STD = np.array([5.0, 3.5, 1.5, math.radians(60.0)])  # ahead, aside, above, turned
-
-
-@dataclass(frozen=True)
-class SightSettings:
-    """From where a lamp is seen."""
-
-    sight_m: Annotated[float, Quantity("range at which the lamp is seen", "m", 1, 200)] = 15.0
-    sight_deg: Annotated[
-        float, Quantity("off the lamp's axis, to where it is seen", "deg", 1, 90)
-    ] = 20.0
 
 
 class Goal(NamedTuple):
@@ -107,7 +102,7 @@ class LeaderBelief:
         self.places, self.headings = starts[:, :3].copy(), starts[:, 3:].copy()
         self._speeds, self._rates = with_glimpse(speeds), with_glimpse(rates)
         self._turns = with_glimpse(turns)
-        self._drifting = slice(0)  # hypotheses that come to rest after `TURNING_S`
+        self._after_drift = self._speeds.copy()  # after `TURNING_S`
         self._company: int | None = None  # the hypothesis of a leader beside another lamp
         self.age_s = 0.0
 
@@ -120,12 +115,13 @@ class LeaderBelief:
         grids = np.meshgrid(climbs, turns, PERSIST, indexing="ij")
         climb, yaw, persist = (grid.ravel() for grid in grids)
         going = np.exp(-((yaw / turn_std) ** 2 + (climb / climb_std) ** 2) / 2)
-        halted = np.full(len(DRIFTS), STOPPED / len(DRIFTS))
-        prior = np.concatenate([(1 - STOPPED) / going.sum() * going, halted])
-        still = np.zeros((len(DRIFTS), 2))
+        drifts = np.vstack([DRIFTS, DRIFTS])
+        drifting = np.repeat([STOPPED, PAUSED], len(DRIFTS)) / len(DRIFTS)
+        prior = np.concatenate([(1 - STOPPED - PAUSED) / going.sum() * going, drifting])
+        still = np.zeros((len(drifts), 2))
         later = np.vstack([np.radians(np.stack([climb, yaw], axis=1)), still])
         rates = np.vstack([np.outer(persist, leader.turn), still])
-        speeds = np.vstack([np.tile(leader.speed, (len(climb), 1)), DRIFTS])
+        speeds = np.vstack([np.tile(leader.speed, (len(climb), 1)), drifts])
         starts = np.tile(np.concatenate([leader.place, leader.heading]), (len(prior), 1))
         if company:  # as those that go straight on, until `accompany` says where
             straight = int(going.argmax())
@@ -135,7 +131,8 @@ class LeaderBelief:
                 for rows in (starts, speeds, rates, later)
             )
         self = cls(settings, prior, starts, speeds, rates, later)
-        self._drifting = slice(len(going), len(going) + len(halted))
+        self._after_drift[len(going) : len(going) + len(DRIFTS)] = 0.0
+        self._after_drift[len(going) + len(DRIFTS) : len(going) + len(drifts)] = leader.speed
         self._company = len(prior) - 1 if company else None
         return self
 
@@ -151,7 +148,7 @@ class LeaderBelief:
 
     def advance(self, step_s: float, own: Array) -> None:
         """Let time pass, s, in which the follower, at `own`, ``(5,)``, saw no light."""
-        seen = self._seen_from(own[:3], self.places, self.headings)
+        seen = self._settings.light(own[:3], self.places, self.headings) > 0
         to_lamp = self.places - own[:3]
         bow = rotation_matrix(own[PITCH], own[YAW])[:, 0]
         facing = to_lamp @ bow > math.cos(math.radians(ARRAY_DEG)) * np.linalg.norm(to_lamp, axis=1)
@@ -169,7 +166,8 @@ class LeaderBelief:
         if k is None:
             return Goal(-1, 0.0)
         self.places[k], self.headings[k] = place, heading
-        self._speeds[k], self._rates[k], self._turns[k] = speed, turn, turn
+        self._speeds[k], self._after_drift[k] = speed, speed
+        self._rates[k], self._turns[k] = turn, turn
         return Goal(k, 1.0)
 
     def pass_time(self, step_s: float) -> None:
@@ -178,7 +176,7 @@ class LeaderBelief:
         kept = math.exp(-step_s / TURN_S)
         turns = self._turns if self.age_s < TURNING_S else 0.0
         if self.age_s >= TURNING_S:
-            self._speeds[self._drifting] = 0.0
+            self._speeds = self._after_drift
         self._rates = kept * self._rates + (1 - kept) * turns
         self.places, self.headings = self._after(step_s)
 
@@ -193,31 +191,36 @@ class LeaderBelief:
         headings[:, 0] = np.clip(headings[:, 0], -MOST_PITCH, MOST_PITCH)
         return self.places + ways * time_s * arc, headings
 
-    def _seen_from(self, at: Array, places: Array, headings: Array) -> NDArray[np.bool_]:
-        """Say which lamps are seen from a place, ``(n,)``."""
-        off = at - places
-        range_m = np.linalg.norm(off, axis=1)
-        behind = -np.einsum("ni,ni->n", off, rotation_matrix(*headings.T)[:, :, 0])
-        s = self._settings
-        near = (range_m > NEAREST_M) & (range_m < s.sight_m)
-        return near & (behind > math.cos(math.radians(s.sight_deg)) * range_m)
-
-    def glimpse(self, own: Array, pose: Array, covariance: Array) -> Goal | None:
+    def glimpse(self, own: Array, pose: Array, covariance: Array, light: float | None) -> Goal:
         """Weigh the hypotheses by a pose that is not to be trusted; return the place behind it.
 
+        What it leaves open, as a heading in dim light, is as those have it that it fits. While the
+        place is vague it is looked at from farther.
+
         - own: where the follower is, ``(5,)``; `pose`, `covariance`: as of a track.
-        - returned: ``None`` where the pose says too little of the leader's heading.
+        - light: of its image, as of `SightSettings.on_axis`; ``None``: it is not known.
         """
         place, heading = seen_at(own, pose)
+        sees = slopes(pose, heading)
+        spread = sees @ covariance @ sees.T
         off = np.concatenate([self.places - place, self.headings - heading], axis=1)
-        spread = 4 * covariance + np.diag([0.25, 0.25, 0.25, 0.01, 0.01])
-        distance = np.einsum("ni,ij,nj->n", off, np.linalg.inv(spread), off)
+        off[:, YAW] = np.remainder(off[:, YAW] + math.pi, 2 * math.pi) - math.pi
+        distance = np.einsum("ni,ij,nj->n", off, np.linalg.inv(4 * spread + BESIDE), off)
+        if light is not None:
+            brighter = np.abs(self._settings.light(own[:3], self.places, self.headings) - light)
+            distance += np.minimum(brighter / LIGHT_STD, MOST_STDS) ** 2
         self.weights = self._prior * np.maximum(np.exp(-distance / 2), LEAST)
-        if covariance[3, 3] + covariance[4, 4] < GLIMPSED_RAD**2:
-            self.places[-1], self.headings[-1] = place, heading
-            self.weights[-1] = self._prior.sum()
-            return Goal(len(self.weights) - 1, 1.0)
-        return None
+        fits = (self._prior * np.maximum(np.exp(-distance / 2), LEAST**2))[:-1]
+        fits /= fits.sum()
+        mean = fits @ off[:-1]
+        about = off[:-1] - mean
+        known = about.T @ (fits[:, None] * about) + BESIDE
+        gain = spread @ np.linalg.inv(spread + known)
+        self.places[-1] = place + (gain @ mean)[:3]
+        self.headings[-1] = wrapped(heading + (gain @ mean)[3:], 1)
+        self.weights[-1] = self._prior.sum()
+        vague = np.linalg.eigvalsh((gain @ known)[:3, :3])[-1] > VAGUE_M**2
+        return Goal(len(self.weights) - 1, TRAIL if vague else 1.0)
 
     def forget_glimpse(self) -> None:
         """Take what was glimpsed for false."""
@@ -226,20 +229,19 @@ class LeaderBelief:
     def goal(self, own: Array, station: Array, speed_m_per_s: float) -> Goal:
         """Return the place from which most leaders would be seen, and soon, for a while.
 
-        It is where the follower is, or behind one of the likely leaders: at its station, or so many
-        stations behind (`TRAILS`), from where the view is wider.
+        It is where the follower is, or behind one of the likely leaders, so many stations (`TRAIL`)
+        as the view is wide.
         """
         best, most = Goal(-1, 0.0), STAYS * self._worth(own[:3], np.zeros(3), 0.0)
         for k in np.argsort(-self.weights)[:LIKELY].tolist():
             at, speed = rotation_matrix(*self.headings[k]), self._speeds[k]
-            for trail in TRAILS:
-                place = self.places[k] + at @ (trail * station[:3])
-                arrival_s = float(np.linalg.norm(place - own[:3])) / speed_m_per_s
-                arrival_s = min(arrival_s, ARRIVAL_S)
-                worth = self._worth(place + arrival_s * (at @ speed), at @ speed, arrival_s)
-                worth *= math.exp(-arrival_s / ARRIVAL_S)
-                if worth > most:
-                    best, most = Goal(k, trail), worth
+            place = self.places[k] + at @ (TRAIL * station[:3])
+            arrival_s = float(np.linalg.norm(place - own[:3])) / speed_m_per_s
+            arrival_s = min(arrival_s, ARRIVAL_S)
+            worth = self._worth(place + arrival_s * (at @ speed), at @ speed, arrival_s)
+            worth *= math.exp(-arrival_s / ARRIVAL_S)
+            if worth > most:
+                best, most = Goal(k, TRAIL), worth
         return best
 
     def _worth(self, place: Array, velocity: Array, arrival_s: float) -> float:
@@ -248,7 +250,7 @@ class LeaderBelief:
         for later_s in (0.0, LOOKS_S):
             places, headings = self._after(arrival_s + later_s)
             at = place + later_s * velocity
-            worth += float(self.weights @ self._seen_from(at, places, headings)) / 2
+            worth += float(self.weights @ (self._settings.light(at, places, headings) > 0)) / 2
         return worth
 
     def place_of(self, goal: Goal, station: Array) -> Array:
@@ -258,7 +260,7 @@ class LeaderBelief:
 
     def in_sight(self, place: Array) -> int:
         """Return the likeliest leader of those that would be seen from a place, or of all."""
-        seen = self._seen_from(place, self.places, self.headings)
+        seen = self._settings.light(place, self.places, self.headings) > 0
         return int(np.argmax(self.weights * (seen if seen.any() else 1.0)))
 
     def motion(self, k: int) -> tuple[Array, Array]:

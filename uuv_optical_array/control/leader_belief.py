@@ -235,7 +235,7 @@ class LeaderBelief:
         best, most = Goal(-1, 0.0), STAYS * self._worth(own[:3], np.zeros(3), 0.0)
         for k in np.argsort(-self.weights)[:LIKELY].tolist():
             at, speed = rotation_matrix(*self.headings[k]), self._speeds[k]
-            place = self.places[k] + at @ (TRAIL * station[:3])
+            place = self.place_of(Goal(k, TRAIL), station)
             arrival_s = float(np.linalg.norm(place - own[:3])) / speed_m_per_s
             arrival_s = min(arrival_s, ARRIVAL_S)
             worth = self._worth(place + arrival_s * (at @ speed), at @ speed, arrival_s)
@@ -254,9 +254,15 @@ class LeaderBelief:
         return worth
 
     def place_of(self, goal: Goal, station: Array) -> Array:
-        """Return the place of a goal behind a leader by now, m, ``(3,)``."""
+        """Return the place of a goal behind a leader by now, m, ``(3,)``.
+
+        It is the station, or farther off on the axis of the lamp, where the view is widest.
+        """
         k, trail = goal
-        return self.places[k] + rotation_matrix(*self.headings[k]) @ (trail * station[:3])
+        behind = station[:3]
+        if trail > 1.0:
+            behind = np.array([-trail * float(np.linalg.norm(behind)), 0.0, 0.0])
+        return self.places[k] + rotation_matrix(*self.headings[k]) @ behind
 
     def in_sight(self, place: Array) -> int:
         """Return the likeliest leader of those that would be seen from a place, or of all."""

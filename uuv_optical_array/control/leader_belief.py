@@ -229,19 +229,20 @@ class LeaderBelief:
     def goal(self, own: Array, station: Array, speed_m_per_s: float) -> Goal:
         """Return the place from which most leaders would be seen, and soon, for a while.
 
-        It is where the follower is, or behind one of the likely leaders, so many stations (`TRAIL`)
-        as the view is wide.
+        It is where the follower is, or behind one of the likely leaders: at its station, or so many
+        stations behind (`TRAIL`), from where the view is wider.
         """
         best, most = Goal(-1, 0.0), STAYS * self._worth(own[:3], np.zeros(3), 0.0)
         for k in np.argsort(-self.weights)[:LIKELY].tolist():
             at, speed = rotation_matrix(*self.headings[k]), self._speeds[k]
-            place = self.place_of(Goal(k, TRAIL), station)
-            arrival_s = float(np.linalg.norm(place - own[:3])) / speed_m_per_s
-            arrival_s = min(arrival_s, ARRIVAL_S)
-            worth = self._worth(place + arrival_s * (at @ speed), at @ speed, arrival_s)
-            worth *= math.exp(-arrival_s / ARRIVAL_S)
-            if worth > most:
-                best, most = Goal(k, TRAIL), worth
+            for trail in (1.0, TRAIL):
+                place = self.place_of(Goal(k, trail), station)
+                arrival_s = float(np.linalg.norm(place - own[:3])) / speed_m_per_s
+                arrival_s = min(arrival_s, ARRIVAL_S)
+                worth = self._worth(place + arrival_s * (at @ speed), at @ speed, arrival_s)
+                worth *= math.exp(-arrival_s / ARRIVAL_S)
+                if worth > most:
+                    best, most = Goal(k, trail), worth
         return best
 
     def _worth(self, place: Array, velocity: Array, arrival_s: float) -> float:

@@ -6,11 +6,12 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import Array, turned_about_lamp, turned_on_mount
 from uuv_optical_array.estimation.information.likelihood import information
+from uuv_optical_array.forward.lamps import DEGREE
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import RADIUS
 from uuv_optical_array.forward.scene import Scene
 
-MILLIMETRE, DEGREE, PERCENT = 1e-3, np.radians(1.0), 0.01
+MILLIMETRE, PERCENT = 1e-3, 0.01
 
 
 def tolerances(scene: Scene, pose: Array) -> dict[str, Array]:

@@ -5,17 +5,16 @@ lies beyond is cut off; both have closed moments. The sum is taken for a scaled 
 same mean and variance, less what the fit takes away.
 """
 
-import math
 from typing import Any
 
 from numpy import maximum, minimum, sqrt
 from scipy.special import ndtr
 
 from uuv_optical_array.core.numerics.elementwise import choose, exp, law
+from uuv_optical_array.estimation.information.likelihood import DENSITY
 from uuv_optical_array.forward.optics import ReadingNoise
 
 FITTED = 5  # numbers of the pose; every other unknown has a prior, whose square counts too
-DENSITY = 1 / math.sqrt(2 * math.pi)
 
 
 @law

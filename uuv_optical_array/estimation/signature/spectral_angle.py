@@ -9,8 +9,7 @@ from uuv_optical_array.core.geometry import Array
 # Chords that differ by no more than this are ranked by the stable angle.
 APART, ROUNDING = 1 + 1e-9, 1e-15
 BLOCK_ROWS = 1 << 16
-# Numbers between these have squares that neither overflow nor underflow.
-SMALL, LARGE = 1e-100, 1e100
+SMALL = 1e-100  # numbers between this and its inverse have squares that neither over- nor underflow
 
 
 def unit_vectors(vectors: ArrayLike) -> Array:
@@ -25,7 +24,7 @@ def unit_vectors(vectors: ArrayLike) -> Array:
     if not largest.all():
         raise ValueError("spectral angle: a vector is zero and has no angle; drop it")
     with np.errstate(under="ignore"):
-        if largest.size and not (largest.min() > SMALL and largest.max() < LARGE):
+        if largest.size and not (largest.min() > SMALL and largest.max() < 1 / SMALL):
             # Near one first, lest squares overflow or underflow; a power of two rounds nothing.
             own = np.ldexp(own, -np.frexp(largest)[1])
         return own / np.sqrt(np.add.reduce(own * own, axis=-1, keepdims=True))

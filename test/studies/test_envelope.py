@@ -16,7 +16,8 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies import closed_loop_figures, envelope
+from uuv_optical_array.studies import envelope
+from uuv_optical_array.studies.closed_loops import figures as closed_loop_figures
 from uuv_optical_array.studies.closed_loops.kinds import KINDS, dim_aside, kinds_named
 from uuv_optical_array.studies.closed_loops.leader_courses import at, turning
 from uuv_optical_array.studies.closed_loops.runs import ALONE, OBEDIENT, Run, loop_of, run_kind

@@ -17,6 +17,7 @@ from command_line import assert_picture, interrupted, json_of, python, run, text
 from matplotlib.figure import Figure
 from needs import rosbags
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from uuv_optical_array.calibration.beam_shape import ResidualsByAngle
 from uuv_optical_array.forward.array import ArraySettings
@@ -135,8 +136,9 @@ def test_another_sea_is_found_within_its_standard_errors(bag, tmp_path):
         assert home[group][key] == pytest.approx(fit["fitted"], rel=1e-8)
     errors = (np.array(found["gains"]) - gains) / np.array(found["gain_std_errors"])
     assert np.abs(errors).max() < 4
-    assert 0.5 < (errors**2).mean() < 1.8  # chi-square of 24: 99.9 % of seeds
-    assert np.abs(gains - 1).max() > 50 * np.max(found["gain_std_errors"])
+    low, high = chi2.ppf([5e-4, 0.9995], 24)
+    assert low < (errors**2).sum() < high
+    assert np.abs(gains - 1).max() > 30 * np.max(found["gain_std_errors"])
     np.testing.assert_allclose(
         written["effects"]["responsivity"]["gains"], found["gains"], rtol=1e-8
     )

@@ -14,7 +14,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import ExecutableInPackage
 
-from uuv_optical_array.control.leader_path import leader_path
+from uuv_optical_array.control.vehicles.leader_path import leader_path
 from uuv_optical_array.core.settings import Place, check
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import load_scene

@@ -6,15 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.bluerov2 import (
+from uuv_optical_array.control.vehicles.bluerov2 import (
     ALLOCATION,
     BLUEROV2,
     BlueRov2,
     flu_to_frd,
     saturated,
 )
-from uuv_optical_array.control.sea import Sea, WaveSettings
-from uuv_optical_array.control.vehicles import Vehicle
+from uuv_optical_array.control.vehicles.sea import Sea, WaveSettings
+from uuv_optical_array.control.vehicles.vehicle import Vehicle
 from uuv_optical_array.core.geometry import rotation_matrix
 
 DT = 0.1

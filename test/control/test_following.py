@@ -19,7 +19,7 @@ from uuv_optical_array.control.following import (
     Following,
 )
 from uuv_optical_array.control.formation import RANGE_STDS, FormationSettings
-from uuv_optical_array.control.leader_motion import CHANCE, CHANGE, Glow
+from uuv_optical_array.control.leader.motion import CHANCE, CHANGE, Glow
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.tracking.track import Outlier
 

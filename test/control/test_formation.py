@@ -28,15 +28,15 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from tracks import turned
 
-from uuv_optical_array.control.bluerov2 import BlueRov2
 from uuv_optical_array.control.formation import (
     CRAB_GAIN,
     CRAB_RAD,
     FormationController,
     FormationSettings,
 )
-from uuv_optical_array.control.sea import Sea
-from uuv_optical_array.control.vehicles import Vehicle
+from uuv_optical_array.control.vehicles.bluerov2 import BlueRov2
+from uuv_optical_array.control.vehicles.sea import Sea
+from uuv_optical_array.control.vehicles.vehicle import Vehicle
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.settings import check_all
 

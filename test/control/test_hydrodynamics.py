@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.bluerov2 import BLUEROV2
-from uuv_optical_array.control.hydrodynamics import advance
-from uuv_optical_array.control.sea import Sea, WaveSettings
+from uuv_optical_array.control.vehicles.bluerov2 import BLUEROV2
+from uuv_optical_array.control.vehicles.hydrodynamics import advance
+from uuv_optical_array.control.vehicles.sea import Sea, WaveSettings
 
 G = 9.82
 NEUTRAL = replace(BLUEROV2, volume_m3=13.5 / 1000)

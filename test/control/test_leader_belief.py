@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.leader_belief import (
+from uuv_optical_array.control.leader.belief import (
     AGAIN_S,
     ARRAY_DEG,
     BESIDE,
@@ -18,8 +18,8 @@ from uuv_optical_array.control.leader_belief import (
     TURNING_S,
     LeaderBelief,
 )
-from uuv_optical_array.control.leader_motion import TURN_S, LeaderMotion, seen_at
-from uuv_optical_array.control.sight import SightSettings
+from uuv_optical_array.control.leader.motion import TURN_S, LeaderMotion, seen_at
+from uuv_optical_array.control.leader.sight import SightSettings
 
 SIGHT = SightSettings(sight_m=15.0, sight_deg=20.0)
 HALF = SIGHT.sight_m / 2  # where the edge of the beam is `sight_deg` off its axis

@@ -8,7 +8,7 @@ from scipy.optimize import approx_fprime
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from uuv_optical_array.control.leader_motion import (
+from uuv_optical_array.control.leader.motion import (
     ALIKE_S,
     CHANCE,
     CHANGE,

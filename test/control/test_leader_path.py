@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from uuv_optical_array.control.bluerov2 import BlueRov2
-from uuv_optical_array.control.leader_path import PATHS, lead, leader_path, leader_twist
-from uuv_optical_array.control.sea import Sea
-from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits
+from uuv_optical_array.control.vehicles.bluerov2 import BlueRov2
+from uuv_optical_array.control.vehicles.leader_path import PATHS, lead, leader_path, leader_twist
+from uuv_optical_array.control.vehicles.sea import Sea
+from uuv_optical_array.control.vehicles.vehicle import Vehicle, VehicleLimits
 
 DT = 0.05
 HEAD = "t_s,surge_m_per_s,sway_m_per_s,heave_m_per_s,pitch_rate_deg_per_s,yaw_rate_deg_per_s"

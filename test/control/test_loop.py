@@ -6,8 +6,8 @@ from scenes import changed, coarse
 
 from uuv_optical_array.control.closed_loop import ClosedLoop, Light, Swimmer, clouded
 from uuv_optical_array.control.following import State
-from uuv_optical_array.control.sea import Sea
-from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits
+from uuv_optical_array.control.vehicles.sea import Sea
+from uuv_optical_array.control.vehicles.vehicle import Vehicle, VehicleLimits
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import rotation_matrix
 from uuv_optical_array.estimation.estimator import Estimator

@@ -14,7 +14,7 @@ from uuv_optical_array.control.formation import (
     FormationSettings,
     KeepOff,
 )
-from uuv_optical_array.control.leader_path import leader_twist
+from uuv_optical_array.control.vehicles.leader_path import leader_twist
 from uuv_optical_array.core.errors import NoPose
 
 MARGIN_M = 3 * np.sqrt(PUBLISHED[0, 0])  # dead astern, three standard deviations of the range

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from uuv_optical_array.control.leader_motion import CHANCE, LeaderMotion
-from uuv_optical_array.control.other_lamp import (
+from uuv_optical_array.control.leader.motion import CHANCE, LeaderMotion
+from uuv_optical_array.control.leader.other_lamp import (
     MOST_CHANGE,
     ROOM,
     OtherLamp,

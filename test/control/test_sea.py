@@ -8,7 +8,7 @@ from differences import differentiate
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uuv_optical_array.control.sea import GRAVITY_M_PER_S2, Sea, WaveSettings
+from uuv_optical_array.control.vehicles.sea import GRAVITY_M_PER_S2, Sea, WaveSettings
 
 CURRENT = (0.3, -0.2, 0.0)
 WAVES = WaveSettings(wave_height_m=1.2, wave_period_s=6.0, wave_direction_deg=30.0, depth_m=3.0)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from uuv_optical_array.control.sight import NEAREST_M, WATER, SightSettings
+from uuv_optical_array.control.leader.sight import NEAREST_M, WATER, SightSettings
 
 SIGHT = SightSettings(sight_m=15.0, sight_deg=20.0)
 

@@ -9,8 +9,8 @@ from test_following import OPEN, TICK_S, Pursuit
 
 from uuv_optical_array.control.darkness import SearchSettings
 from uuv_optical_array.control.formation import FormationController, FormationSettings
-from uuv_optical_array.control.leader_motion import LeaderMotion
-from uuv_optical_array.control.told_motion import (
+from uuv_optical_array.control.leader.motion import LeaderMotion
+from uuv_optical_array.control.leader.told_motion import (
     AHEAD_S,
     CHANGES,
     MOST_STDS,
@@ -21,7 +21,7 @@ from uuv_optical_array.control.told_motion import (
     as_rate,
     twist_of_lamp,
 )
-from uuv_optical_array.control.vehicles import Vehicle
+from uuv_optical_array.control.vehicles.vehicle import Vehicle
 from uuv_optical_array.core.geometry import relative_pose
 from uuv_optical_array.studies.closed_loops.modem import LATE_S, PERIOD_S, STDS, Modem
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.trajectory import TooEarly, Trajectory
+from uuv_optical_array.control.vehicles.trajectory import TooEarly, Trajectory
 
 pytestmark = pytest.mark.filterwarnings("error")
 

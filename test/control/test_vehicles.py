@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.bluerov2 import BlueRov2
-from uuv_optical_array.control.sea import STILL_SEA, Sea, WaveSettings
-from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits, start_behind
+from uuv_optical_array.control.vehicles.bluerov2 import BlueRov2
+from uuv_optical_array.control.vehicles.sea import STILL_SEA, Sea, WaveSettings
+from uuv_optical_array.control.vehicles.vehicle import Vehicle, VehicleLimits, start_behind
 from uuv_optical_array.core.geometry import relative_pose
 
 DT = 0.02

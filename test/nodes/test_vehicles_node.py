@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.vehicles import VehicleLimits
+from uuv_optical_array.control.vehicles.vehicle import VehicleLimits
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 
 START = 100 * 10**9

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from tracks import correlated
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
-from uuv_optical_array.control.leader_path import leader_twist
-from uuv_optical_array.control.vehicles import Vehicle, start_behind
+from uuv_optical_array.control.vehicles.leader_path import leader_twist
+from uuv_optical_array.control.vehicles.vehicle import Vehicle, start_behind
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 from uuv_optical_array.estimation.tracking.tracker import Tracker

@@ -10,8 +10,8 @@ from command_line import assert_picture, json_of
 from scenes import changed, coarse
 
 from uuv_optical_array.control.darkness import DOUBT
-from uuv_optical_array.control.leader_path import leader_twist
-from uuv_optical_array.control.vehicles import Vehicle
+from uuv_optical_array.control.vehicles.leader_path import leader_twist
+from uuv_optical_array.control.vehicles.vehicle import Vehicle
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel

@@ -35,7 +35,7 @@ from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.control.fleet import MIN_SEPARATION_M, MOST, vee
 from uuv_optical_array.control.follow_record import FollowRecord, least_distance
 from uuv_optical_array.control.follow_states import COLOURS
-from uuv_optical_array.control.leader_path import PATHS, leader_path
+from uuv_optical_array.control.vehicles.leader_path import PATHS, leader_path
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from uuv_optical_array.control.following import Following, State
-from uuv_optical_array.control.leader_motion import Glow
-from uuv_optical_array.control.leader_path import LeaderPath, lead, leader_twist
-from uuv_optical_array.control.sea import STILL_SEA, Sea
-from uuv_optical_array.control.told_motion import Message
-from uuv_optical_array.control.vehicles import Vehicle
+from uuv_optical_array.control.leader.motion import Glow
+from uuv_optical_array.control.leader.told_motion import Message
+from uuv_optical_array.control.vehicles.leader_path import LeaderPath, lead, leader_twist
+from uuv_optical_array.control.vehicles.sea import STILL_SEA, Sea
+from uuv_optical_array.control.vehicles.vehicle import Vehicle
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.estimation.pipeline import Answer, Pipeline

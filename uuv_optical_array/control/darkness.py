@@ -17,11 +17,11 @@ from uuv_optical_array.control.formation import (
     bow_to,
     polar,
 )
-from uuv_optical_array.control.leader_belief import Goal, LeaderBelief
-from uuv_optical_array.control.leader_motion import Glow, LeaderMotion, turning
-from uuv_optical_array.control.other_lamp import OtherLamp, within_reach
-from uuv_optical_array.control.sight import SightSettings
-from uuv_optical_array.control.told_motion import Told
+from uuv_optical_array.control.leader.belief import Goal, LeaderBelief
+from uuv_optical_array.control.leader.motion import Glow, LeaderMotion, turning
+from uuv_optical_array.control.leader.other_lamp import OtherLamp, within_reach
+from uuv_optical_array.control.leader.sight import SightSettings
+from uuv_optical_array.control.leader.told_motion import Told
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Quantity
 

@@ -39,9 +39,9 @@ from uuv_optical_array.control.formation import (
     FormationSettings,
     nanoseconds,
 )
-from uuv_optical_array.control.leader_motion import Glow, LeaderMotion
-from uuv_optical_array.control.other_lamp import OtherLamp, goes_on
-from uuv_optical_array.control.told_motion import Message
+from uuv_optical_array.control.leader.motion import Glow, LeaderMotion
+from uuv_optical_array.control.leader.other_lamp import OtherLamp, goes_on
+from uuv_optical_array.control.leader.told_motion import Message
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.tracking.measurement import checked_pose

@@ -38,7 +38,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.control.told_motion import ToldMotion, checked_spread
+from uuv_optical_array.control.leader.told_motion import ToldMotion, checked_spread
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.core.settings import Place, Quantity

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image, Range
 from std_msgs.msg import Header
 
-from uuv_optical_array.control.trajectory import TooEarly, Trajectory
+from uuv_optical_array.control.vehicles.trajectory import TooEarly, Trajectory
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, relative_pose, rotation_matrix
 from uuv_optical_array.core.messages import Refused, as_wired, odometry_pose, stamp_ns
 from uuv_optical_array.core.settings import Place, Quantity

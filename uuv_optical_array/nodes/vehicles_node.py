@@ -20,11 +20,11 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.time import Time
 
-from uuv_optical_array.control.bluerov2 import BlueRov2
 from uuv_optical_array.control.formation import FormationSettings
-from uuv_optical_array.control.leader_path import lead, leader_path
-from uuv_optical_array.control.sea import CURRENT, Sea, WaveSettings
-from uuv_optical_array.control.vehicles import Vehicle, start_behind
+from uuv_optical_array.control.vehicles.bluerov2 import BlueRov2
+from uuv_optical_array.control.vehicles.leader_path import lead, leader_path
+from uuv_optical_array.control.vehicles.sea import CURRENT, Sea, WaveSettings
+from uuv_optical_array.control.vehicles.vehicle import Vehicle, start_behind
 from uuv_optical_array.core.messages import odometry_pose
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.nodes.shared import messages

@@ -14,7 +14,7 @@ from sensor_msgs.msg import Image
 
 from uuv_optical_array.control.follow_states import state_from_status
 from uuv_optical_array.control.following import State
-from uuv_optical_array.control.trajectory import TooEarly, Trajectory
+from uuv_optical_array.control.vehicles.trajectory import TooEarly, Trajectory
 from uuv_optical_array.core.geometry import Array, covariance_5x5, relative_pose
 from uuv_optical_array.core.messages import image_from_message, odometry_pose, stamp_ns
 from uuv_optical_array.core.settings import Quantity

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from uuv_optical_array.control.follow_states import state_from_status
 from uuv_optical_array.control.following import State
-from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S, TooEarly, Trajectory
+from uuv_optical_array.control.vehicles.trajectory import MAX_GAP, MAX_GAP_S, TooEarly, Trajectory
 from uuv_optical_array.core import messages
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.messages import Axes, Readout, Refused

@@ -15,7 +15,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
+from uuv_optical_array.control.vehicles.trajectory import MAX_GAP, MAX_GAP_S
 from uuv_optical_array.core.messages import BEACON_FRAME, BEACON_POSITION, Axes
 from uuv_optical_array.core.settings import Numbers, Quantity, check, declared, hint
 from uuv_optical_array.core.storage.files import shared_file

@@ -5,7 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from uuv_optical_array.control.leader_path import LEADER_SPEED_M_PER_S
+from uuv_optical_array.control.vehicles.leader_path import LEADER_SPEED_M_PER_S
 from uuv_optical_array.core.geometry import Array
 
 # Values by time: (s, value), ..., linear between, the first before them and the last after.

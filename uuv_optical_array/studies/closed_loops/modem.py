@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from uuv_optical_array.control.told_motion import Message
-from uuv_optical_array.control.vehicles import Vehicle
+from uuv_optical_array.control.leader.told_motion import Message
+from uuv_optical_array.control.vehicles.vehicle import Vehicle
 
 PERIOD_S, LATE_S = 1.0, 0.5
 STDS = np.repeat([0.05, math.radians(1.0)], 3)  # of velocity, m/s, and turn, rad/s

@@ -8,7 +8,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.control.bluerov2 import BlueRov2
 from uuv_optical_array.control.closed_loop import (
     ClosedLoop,
     Instant,
@@ -19,9 +18,10 @@ from uuv_optical_array.control.closed_loop import (
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.following import Following
 from uuv_optical_array.control.formation import FormationSettings
-from uuv_optical_array.control.leader_path import PATHS, LeaderPath, leader_twist
-from uuv_optical_array.control.sea import Sea
-from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits
+from uuv_optical_array.control.vehicles.bluerov2 import BlueRov2
+from uuv_optical_array.control.vehicles.leader_path import PATHS, LeaderPath, leader_twist
+from uuv_optical_array.control.vehicles.sea import Sea
+from uuv_optical_array.control.vehicles.vehicle import Vehicle, VehicleLimits
 from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.core.settings import Place
 from uuv_optical_array.estimation.estimator import Estimator

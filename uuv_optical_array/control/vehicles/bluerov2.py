@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.hydrodynamics import Body, advance, coriolis
-from uuv_optical_array.control.sea import STILL_SEA, Sea
-from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits
+from uuv_optical_array.control.vehicles.hydrodynamics import Body, advance, coriolis
+from uuv_optical_array.control.vehicles.sea import STILL_SEA, Sea
+from uuv_optical_array.control.vehicles.vehicle import Vehicle, VehicleLimits
 from uuv_optical_array.core.geometry import FLU_FRD, Array
 
 BLUEROV2 = Body(

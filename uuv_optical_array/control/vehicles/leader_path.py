@@ -8,7 +8,7 @@ from typing import Annotated, TypeAlias
 
 import numpy as np
 
-from uuv_optical_array.control.vehicles import Vehicle
+from uuv_optical_array.control.vehicles.vehicle import Vehicle
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, check, hint
 from uuv_optical_array.core.storage import tables

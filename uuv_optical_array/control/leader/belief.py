@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.control.leader_motion import TURN_S, LeaderMotion, seen_at, slopes
-from uuv_optical_array.control.sight import SightSettings
+from uuv_optical_array.control.leader.motion import TURN_S, LeaderMotion, seen_at, slopes
+from uuv_optical_array.control.leader.sight import SightSettings
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 
 # Turn rates that a leader may go over to, deg/s, and their prior, of yaw and of pitch.

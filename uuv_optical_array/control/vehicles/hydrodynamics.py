@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.sea import GRAVITY_M_PER_S2
+from uuv_optical_array.control.vehicles.sea import GRAVITY_M_PER_S2
 from uuv_optical_array.core.geometry import Array
 
 # Velocity and acceleration of the water, m/s and m/s^2, at a place in the world (m) and a time (s).

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.control.sea import STILL_SEA, Sea
+from uuv_optical_array.control.vehicles.sea import STILL_SEA, Sea
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 
 

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtri
 
-from uuv_optical_array.control.leader_motion import CHANCE, LeaderMotion, seen_at, slopes
-from uuv_optical_array.control.vehicles import VehicleLimits
+from uuv_optical_array.control.leader.motion import CHANCE, LeaderMotion, seen_at, slopes
+from uuv_optical_array.control.vehicles.vehicle import VehicleLimits
 from uuv_optical_array.core.geometry import Array, rotation_matrix, wrapped
 
 # By which a leader like the follower changes its velocity and turn, m/s^2 and rad/s^2.

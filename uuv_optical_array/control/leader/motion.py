@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from uuv_optical_array.control.formation import polar
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.estimation.tracking.motion import in_beacon
 from uuv_optical_array.estimation.tracking.track import Outlier
@@ -158,7 +157,7 @@ class LeaderMotion:
 
     def face(self, glow: Glow) -> None:
         """Take where an image is brightest, if the leader may be there."""
-        range_m, _ = polar(self.place - self.own[:3])
+        range_m = float(np.linalg.norm(self.place - self.own[:3]))
         line = rotation_matrix(*self.own[3:]) @ rotation_matrix(
             -EDGE_RAD * glow.up, EDGE_RAD * glow.to_port
         )

@@ -1,0 +1,1 @@
+"""What a follower believes of its leader's motion and lamp."""

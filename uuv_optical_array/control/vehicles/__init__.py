@@ -1,0 +1,1 @@
+"""The demonstration's vehicles and the sea that moves them."""

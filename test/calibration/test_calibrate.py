@@ -19,7 +19,7 @@ from needs import rosbags
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from uuv_optical_array.calibration.beam_shape import ResidualsByAngle
+from uuv_optical_array.calibration.fit.beam_shape import ResidualsByAngle
 from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene

@@ -6,11 +6,11 @@ import second_forward
 from calibrated_seas import drive, named, recorded, sea, seen
 from scenes import changed, ready
 
-from uuv_optical_array.calibration.beam_shape import missing_shape, residuals_by_angle
 from uuv_optical_array.calibration.calibrate import calibrate
-from uuv_optical_array.calibration.fit import CalibrationFit
-from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
-from uuv_optical_array.calibration.parameters import SHAPE, Layout
+from uuv_optical_array.calibration.fit.beam_shape import missing_shape, residuals_by_angle
+from uuv_optical_array.calibration.fit.fit import CalibrationFit
+from uuv_optical_array.calibration.likelihood.likelihood import CalibrationLikelihood
+from uuv_optical_array.calibration.likelihood.parameters import SHAPE, Layout
 from uuv_optical_array.forward.beam import gaussians_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, save_scene

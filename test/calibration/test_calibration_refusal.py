@@ -12,7 +12,7 @@ from scenes import changed
 from scipy import stats
 
 from uuv_optical_array.calibration.calibrate import calibrate
-from uuv_optical_array.calibration.parameters import (
+from uuv_optical_array.calibration.likelihood.parameters import (
     BACKGROUND,
     COSINE_POWER,
     KINDS,

@@ -5,10 +5,10 @@ import pytest
 from calibrated_seas import drive, lights, recorded, sea
 from scenes import changed
 
-from uuv_optical_array.calibration.fit import CalibrationProblem, refine
-from uuv_optical_array.calibration.identifiability import undetermined
-from uuv_optical_array.calibration.likelihood import CalibrationLikelihood, Unknowns
-from uuv_optical_array.calibration.parameters import POWER, SHARE, K, Layout
+from uuv_optical_array.calibration.fit.fit import CalibrationProblem, refine
+from uuv_optical_array.calibration.fit.identifiability import undetermined
+from uuv_optical_array.calibration.likelihood.likelihood import CalibrationLikelihood, Unknowns
+from uuv_optical_array.calibration.likelihood.parameters import POWER, SHARE, K, Layout
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 

@@ -7,7 +7,7 @@ from calibrated_seas import largest_pull, recorded
 from scenes import changed
 
 from uuv_optical_array.calibration.calibrate import calibrate
-from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
+from uuv_optical_array.calibration.likelihood.likelihood import CalibrationLikelihood
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 

@@ -5,7 +5,7 @@ import pytest
 from scenes import changed
 
 from uuv_optical_array.calibration.calibrate import calibrate
-from uuv_optical_array.calibration.likelihood import UNKNOWN_STD
+from uuv_optical_array.calibration.likelihood.likelihood import UNKNOWN_STD
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.layouts.readings import Course, read_table
 

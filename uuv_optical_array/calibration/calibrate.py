@@ -11,23 +11,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.calibration import notes
-from uuv_optical_array.calibration.beam_shape import residuals_by_angle
-from uuv_optical_array.calibration.clock_fit import offset_step
-from uuv_optical_array.calibration.fit import CalibrationFit
-from uuv_optical_array.calibration.found_scene import (
-    as_a_whole,
-    calibrated_scene,
-    reference_reading,
-)
-from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
-from uuv_optical_array.calibration.noise_fit import (
+from uuv_optical_array.calibration.fit.beam_shape import residuals_by_angle
+from uuv_optical_array.calibration.fit.clock_fit import offset_step
+from uuv_optical_array.calibration.fit.fit import CalibrationFit
+from uuv_optical_array.calibration.fit.noise_fit import (
     NOISE,
     RELATIVE,
     UNITS,
     fitted_noise,
     noise_of,
 )
-from uuv_optical_array.calibration.parameters import LAMP_AIM, POWER, Layout
+from uuv_optical_array.calibration.found_scene import (
+    as_a_whole,
+    calibrated_scene,
+    reference_reading,
+)
+from uuv_optical_array.calibration.likelihood.likelihood import CalibrationLikelihood
+from uuv_optical_array.calibration.likelihood.parameters import LAMP_AIM, POWER, Layout
 from uuv_optical_array.calibration.places_check import common_error, disagreement
 from uuv_optical_array.calibration.result import Calibration, FittedParameter
 from uuv_optical_array.core.geometry import Array

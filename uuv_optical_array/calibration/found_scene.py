@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.special import logsumexp, softmax
 
-from uuv_optical_array.calibration.expected_light import POSE
-from uuv_optical_array.calibration.fit import CalibrationFit
-from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
-from uuv_optical_array.calibration.parameters import (
+from uuv_optical_array.calibration.fit.fit import CalibrationFit
+from uuv_optical_array.calibration.likelihood.expected_light import POSE
+from uuv_optical_array.calibration.likelihood.likelihood import CalibrationLikelihood
+from uuv_optical_array.calibration.likelihood.parameters import (
     AIMS,
     BACKGROUND,
     BEHIND,

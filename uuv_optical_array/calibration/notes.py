@@ -5,17 +5,17 @@ from collections.abc import Collection
 import numpy as np
 from scipy.special import chdtri
 
-from uuv_optical_array.calibration.agreement import FALSE_REFUSAL
-from uuv_optical_array.calibration.beam_shape import (
+from uuv_optical_array.calibration.fit.beam_shape import (
     CHECK,
     FIT_SHAPE,
     PARTLY,
     missing_shape,
     wrong_beam,
 )
-from uuv_optical_array.calibration.fit import CalibrationFit
-from uuv_optical_array.calibration.noise_fit import NOISE, RELATIVE, fitted_noise
-from uuv_optical_array.calibration.parameters import (
+from uuv_optical_array.calibration.fit.fit import CalibrationFit
+from uuv_optical_array.calibration.fit.noise_fit import NOISE, RELATIVE, fitted_noise
+from uuv_optical_array.calibration.likelihood.agreement import FALSE_REFUSAL
+from uuv_optical_array.calibration.likelihood.parameters import (
     ARRAY_AIM,
     BACKGROUND,
     GAINS,

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.calibration.fit import CalibrationFit
-from uuv_optical_array.calibration.likelihood import CalibrationState
+from uuv_optical_array.calibration.fit.fit import CalibrationFit
+from uuv_optical_array.calibration.likelihood.likelihood import CalibrationState
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, PITCH, Array, X
 from uuv_optical_array.estimation.estimator import Estimator

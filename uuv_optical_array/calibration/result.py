@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.calibration.beam_shape import ResidualsByAngle
+from uuv_optical_array.calibration.fit.beam_shape import ResidualsByAngle
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.scene import Scene
 

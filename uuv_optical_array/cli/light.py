@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.calibration.likelihood import UNKNOWN_STD
+from uuv_optical_array.calibration.likelihood.likelihood import UNKNOWN_STD
 from uuv_optical_array.cli import bag, options, progress
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.processes import spread

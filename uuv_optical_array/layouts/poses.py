@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from uuv_optical_array.calibration.aims import appearing
+from uuv_optical_array.calibration.likelihood.aims import appearing
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.estimation.information.likelihood import information
 from uuv_optical_array.forward.optics import reading_variance

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from uuv_optical_array.calibration.calibrate import calibrate
-from uuv_optical_array.calibration.noise_fit import noise_of
-from uuv_optical_array.calibration.parameters import AIM_NAMES
+from uuv_optical_array.calibration.fit.noise_fit import noise_of
+from uuv_optical_array.calibration.likelihood.parameters import AIM_NAMES
 from uuv_optical_array.calibration.result import Calibration
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage import tables

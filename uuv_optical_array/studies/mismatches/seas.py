@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.legendre import legvander2d
 
-from uuv_optical_array.calibration.aims import appearing
+from uuv_optical_array.calibration.likelihood.aims import appearing
 from uuv_optical_array.core.geometry import PITCH, Array, X, Z, rotation_matrix
 from uuv_optical_array.forward import prior
 from uuv_optical_array.forward.model import ForwardModel

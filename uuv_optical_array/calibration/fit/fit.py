@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.calibration.agreement import Agreement, agreement_of
-from uuv_optical_array.calibration.identifiability import covariance, held_shifts, undetermined
-from uuv_optical_array.calibration.likelihood import (
+from uuv_optical_array.calibration.fit.identifiability import covariance, held_shifts, undetermined
+from uuv_optical_array.calibration.likelihood.agreement import Agreement, agreement_of
+from uuv_optical_array.calibration.likelihood.likelihood import (
     CalibrationLikelihood,
     CalibrationState,
     Unknowns,
 )
-from uuv_optical_array.calibration.parameters import (
+from uuv_optical_array.calibration.likelihood.parameters import (
     BACKGROUND,
     LAMP_FLOOR,
     POWER,

@@ -5,7 +5,13 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.calibration.parameters import BOUGHT, GAINS, HOLD_ORDER, SIGMA, Layout
+from uuv_optical_array.calibration.likelihood.parameters import (
+    BOUGHT,
+    GAINS,
+    HOLD_ORDER,
+    SIGMA,
+    Layout,
+)
 from uuv_optical_array.core.geometry import Array
 
 # Undetermined parameters that are held may shift a gain by this much, relative. Beyond it all gains

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.calibration.expected_light import POSE, ExpectedLight
-from uuv_optical_array.calibration.parameters import BOUGHT
+from uuv_optical_array.calibration.likelihood.expected_light import POSE, ExpectedLight
+from uuv_optical_array.calibration.likelihood.parameters import BOUGHT
 from uuv_optical_array.core.geometry import PITCH, Array
 from uuv_optical_array.estimation.information.likelihood import information, log_likelihood
 from uuv_optical_array.forward.array import DetectorArray

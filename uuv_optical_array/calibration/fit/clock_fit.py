@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from uuv_optical_array.calibration.expected_light import POSE
-from uuv_optical_array.calibration.fit import CalibrationFit
+from uuv_optical_array.calibration.fit.fit import CalibrationFit
+from uuv_optical_array.calibration.likelihood.expected_light import POSE
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.likelihood import information, log_likelihood
 

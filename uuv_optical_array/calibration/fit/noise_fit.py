@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from uuv_optical_array.calibration.fit import CalibrationFit
+from uuv_optical_array.calibration.fit.fit import CalibrationFit
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.effects.electronics import detection
 from uuv_optical_array.forward.scene import Scene, scene_from_settings

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from uuv_optical_array.calibration.likelihood import (
+from uuv_optical_array.calibration.likelihood.likelihood import (
     UNKNOWN_STD,
     CalibrationLikelihood,
     CalibrationState,

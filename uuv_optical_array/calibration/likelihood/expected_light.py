@@ -8,8 +8,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.calibration.aims import appearing
-from uuv_optical_array.calibration.parameters import (
+from uuv_optical_array.calibration.likelihood.aims import appearing
+from uuv_optical_array.calibration.likelihood.parameters import (
     AIMS,
     BACKGROUND,
     BEHIND,

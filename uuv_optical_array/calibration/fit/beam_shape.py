@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from uuv_optical_array.calibration.agreement import FALSE_REFUSAL
-from uuv_optical_array.calibration.fit import MOST_SHAPE, CalibrationFit
-from uuv_optical_array.calibration.parameters import SHAPE
+from uuv_optical_array.calibration.fit.fit import MOST_SHAPE, CalibrationFit
+from uuv_optical_array.calibration.likelihood.agreement import FALSE_REFUSAL
+from uuv_optical_array.calibration.likelihood.parameters import SHAPE
 from uuv_optical_array.core.geometry import Array, Y, Z
 from uuv_optical_array.forward.beam import NARROWEST_DEG, WIDEST_DEG, WIDTHS_OF_THREE
 from uuv_optical_array.forward.light import HALF_SQUARE

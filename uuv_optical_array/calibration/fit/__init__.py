@@ -1,0 +1,1 @@
+"""The fit of a calibration: what images determine, and what their residuals tell."""

@@ -1,0 +1,1 @@
+"""The likelihood of images by the parameters of a calibration."""

@@ -2,13 +2,11 @@
 
 Blocks of images go to the follower's nodes and to a relay that answers each image with a ready-made
 pose, in turn, so that a noisy machine slows both; their medians are compared. The images come from
-the process that hears the answers, in the thread of its executor. It does not sleep meanwhile, else
-figures would be those of how a processor wakes up and fills its caches, which is another on a
-machine that does other work. Follower and relay are in the same process, or together in another.
-`frame` is the time from answer to answer while images come, and `late` the age of which one pose of
-a hundred is older, in frame times; `passed` are images that got no pose. The last three columns are
-the time that steps before the pose take in one process: the fit, all of the estimate, and the track
-as far as the pose waits for it.
+the process that hears the answers, in the thread of its executor; follower and relay are in the
+same one, or together in another. `frame` is the time from answer to answer while images come, and
+`late` the age of which one pose of a hundred is older, in frame times; `passed` are images that got
+no pose. The last three columns are the time that steps before the pose take in one process: the
+fit, all of the estimate, and the track as far as the pose waits for it.
 """
 
 import argparse
@@ -157,8 +155,8 @@ def measure(args: argparse.Namespace, apart: bool, method: str, side: int) -> No
             for times in (*asker.times.values(), *spent.values()):
                 times.clear()
             for until in asker.send(messages, rate_hz):
-                while time.perf_counter() < until:
-                    executor.spin_once(timeout_sec=0)
+                while (left := until - time.perf_counter()) > 0:
+                    executor.spin_once(timeout_sec=left)
             line(apart, side, rate_hz, count, asker.times, spent)
         if not apart:
             ImageFit.__call__, Estimator.estimate, Tracker.take = originals

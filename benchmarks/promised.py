@@ -161,7 +161,7 @@ def first_pose() -> Figures:
 @cache
 def relay(rate_hz: int) -> Figures:
     """Return the median latency of a pose beside that of a bare relay of the same process."""
-    few = ["--processes=1", "--sides=5", f"--rates={rate_hz}", "--seconds=5"]
+    few = ["--processes=1", "--sides=5", f"--rates={rate_hz}", "--seconds=15"]
     program = [sys.executable, str(HERE / "latency.py"), "--methods=least_squares", *few]
     done = subprocess.run(program, capture_output=True, text=True, check=True)
     cells = done.stdout.splitlines()[2].split()

@@ -77,7 +77,9 @@ def test_a_minute_of_the_demonstration_with_a_lamp_that_goes_out(lab, compiled_f
             poses[loop.now_ns] = pose
         assert lab.set(loop.simulator, "lamp_power", [power]).successful
     assert np.linalg.norm(loop.leader_m - began_m) > 20
-    assert loop.states == ["waiting", "locked", "coasting", "locked"]
+    # The topic keeps its newest state, and the probe may have found it after the first one.
+    assert loop.states[-3:] == ["locked", "coasting", "locked"]
+    assert loop.states[:-3] in ([], ["waiting"])
     stamps = np.array([stamp_ns(command.header) for command in loop.commands])
     assert (np.diff(stamps) == STEP_NS).all()  # in the dark, too
     time_s, found = (np.array(list(poses)) - began_ns) * 1e-9, np.array(list(poses.values()))

@@ -3,10 +3,10 @@
 - ``waiting``: no pose has steered yet.
 - ``locked``: the leader's light steers, by the law of `formation`.
 - ``coasting``: there is no pose to steer by. The follower goes on as the leader was moving, led by
-  what is seen of its light and by what it tells (`leader_motion`), and without for as long as its
+  what is seen of its light and by what it tells (`leader.motion`), and without for as long as its
   turns are not likely to lead out of sight of the way that it had.
 - ``searching``: it goes to where most of the leaders that may be by now would be seen from
-  (`leader_belief`), with the bow to them, within limits of time, distance, depth and turn.
+  (`leader.belief`), with the bow to them, within limits of time, distance, depth and turn.
 - ``lost``: the search has ended without light. The follower holds where it is, or does what the
   operator has set. Light that comes back is followed again.
 - ``disengaged``: the follower is left to others.

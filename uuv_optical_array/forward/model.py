@@ -456,7 +456,7 @@ class ForwardModel:
         return image
 
     def rays(self, poses: Array, rolls: Array) -> Array:
-        """Return the rays to each detector from each lamp, as `light.ray`, shape ``(13, m, L n)``.
+        """Return the rays to each detector from each lamp, as `light.ray`, shape ``(14, m, L n)``.
 
         Poses and rolls have shapes ``(m, 5)`` and ``(m,)``, m and rad.
         """

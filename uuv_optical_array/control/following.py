@@ -233,11 +233,8 @@ class Following:
         self, stamp_s: float, pose: Array, covariance: Array, leader: LeaderMotion, reached: bool
     ) -> None:
         """Raise Outlier for a pose of another lamp, as where the leader cannot have reached it."""
-        seen, other = self._seen, self._other
-        leaders = [leader]
-        if seen is not None and seen.motion is not leader:
-            leaders.append(seen.motion)  # a light that settles
-        for motion in (*leaders[self._dark is not None :], *([other.motion] if other else [])):
+        leaders = [leader, *([self._seen.motion] if self._seen else [])]  # a light that settles
+        for motion in (*leaders, *([self._other.motion] if self._other else [])):
             motion.advance(stamp_s, self._own_twist(stamp_s))
         if self._other is not None and self._other.motion.unseen_s > self._search.coast_s:
             self._other = None

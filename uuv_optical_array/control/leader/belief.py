@@ -148,7 +148,7 @@ class LeaderBelief:
 
     def advance(self, step_s: float, own: Array) -> None:
         """Let time pass, s, in which the follower, at `own`, ``(5,)``, saw no light."""
-        seen = self._settings.light(own[:3], self.places, self.headings) > 0
+        seen = self._settings.sees(own[:3], self.places, self.headings)
         to_lamp = self.places - own[:3]
         bow = rotation_matrix(own[PITCH], own[YAW])[:, 0]
         facing = to_lamp @ bow > math.cos(math.radians(ARRAY_DEG)) * np.linalg.norm(to_lamp, axis=1)
@@ -209,8 +209,9 @@ class LeaderBelief:
         if light is not None:
             brighter = np.abs(self._settings.light(own[:3], self.places, self.headings) - light)
             distance += np.minimum(brighter / LIGHT_STD, MOST_STDS) ** 2
-        self.weights = self._prior * np.maximum(np.exp(-distance / 2), LEAST)
-        fits = (self._prior * np.maximum(np.exp(-distance / 2), LEAST**2))[:-1]
+        likelihood = np.exp(-distance / 2)
+        self.weights = self._prior * np.maximum(likelihood, LEAST)
+        fits = (self._prior * np.maximum(likelihood, LEAST**2))[:-1]
         fits /= fits.sum()
         mean = fits @ off[:-1]
         about = off[:-1] - mean
@@ -251,7 +252,7 @@ class LeaderBelief:
         for later_s in (0.0, LOOKS_S):
             places, headings = self._after(arrival_s + later_s)
             at = place + later_s * velocity
-            worth += float(self.weights @ (self._settings.light(at, places, headings) > 0)) / 2
+            worth += float(self.weights @ self._settings.sees(at, places, headings)) / 2
         return worth
 
     def place_of(self, goal: Goal, station: Array) -> Array:
@@ -267,7 +268,7 @@ class LeaderBelief:
 
     def in_sight(self, place: Array) -> int:
         """Return the likeliest leader of those that would be seen from a place, or of all."""
-        seen = self._settings.light(place, self.places, self.headings) > 0
+        seen = self._settings.sees(place, self.places, self.headings)
         return int(np.argmax(self.weights * (seen if seen.any() else 1.0)))
 
     def motion(self, k: int) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.core.geometry import Array, rotation_matrix
 from uuv_optical_array.core.settings import Quantity
@@ -34,7 +34,7 @@ class SightSettings:
         return light
 
     def light(self, at: Array, places: Array, headings: Array) -> Array:
-        """Return the same at a place, m, ``(3,)``, by each lamp, ``(n,)``; seen are those above 0.
+        """Return the same at a place, m, ``(3,)``, by each lamp, ``(n,)``.
 
         It falls with the square of the angle off a lamp's axis, as in a beam that is Gaussian.
 
@@ -46,3 +46,7 @@ class SightSettings:
         share = np.arccos(np.clip(behind / range_m, -1.0, 1.0)) / math.radians(self.sight_deg)
         light: Array = self.on_axis(range_m) - self.on_axis(self.sight_m / 2) * share**2
         return light
+
+    def sees(self, at: Array, places: Array, headings: Array) -> NDArray[np.bool_]:
+        """Say which lamps are seen from a place, ``(n,)``; arguments are those of `light`."""
+        return self.light(at, places, headings) > 0

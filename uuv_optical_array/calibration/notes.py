@@ -89,7 +89,8 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
             f"lamps shine from aside of where the scene has them, {', '.join(moved)}; check which "
             "channel is which lamp, their places in the scene, and --set beacon_position_m"
         )
-    if wrong := wrong_beam(fit):
+    missing = missing_shape(fit)
+    if wrong := wrong_beam(fit, missing):
         return wrong
     limit = MAX_NOISE_FACTOR**2
     if agreement.freedoms > 0:
@@ -104,7 +105,7 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
     cures = [CHECK]
     if unknown := [name for i, name in enumerate(fit.likelihood.layout.names) if i in fit.unknown]:
         cures.append(f"record what determines {', '.join(unknown)}")
-    if (missing := missing_shape(fit)).explains(PARTLY):
+    if missing.explains(PARTLY):
         cures.append(f"the beam's shape, which explains {missing.share:.0%} of it: {FIT_SHAPE}")
     if independent:
         cures.append("give --noise: the residuals are independent")

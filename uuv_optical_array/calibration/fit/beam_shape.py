@@ -127,8 +127,11 @@ def common_scale(fit: CalibrationFit) -> tuple[float, float]:
     return float((aside * shifts * weights).sum()) / told, float(told**-0.5)
 
 
-def wrong_beam(fit: CalibrationFit) -> str:
-    """Say that the beam has another shape than the scene's, where residuals say so; or nothing."""
+def wrong_beam(fit: CalibrationFit, missing: MissingShape) -> str:
+    """Say that the beam has another shape than the scene's, where residuals say so; or nothing.
+
+    - missing: what `missing_shape` returns of the fit.
+    """
     left = fit.likelihood.shape_std
     if fit.shaped and left > MOST_LEFT:
         if left < MOST_SHAPE and residuals_by_angle(fit).share > BY_BEAM:
@@ -150,7 +153,7 @@ def wrong_beam(fit: CalibrationFit) -> str:
             "scene's Gaussians by more than they can tell; measure places better, or take a "
             "diffuser or a softer beam"
         )
-    if missing_shape(fit).explains(BY_BEAM):
+    if missing.explains(BY_BEAM):
         return (
             "the beam of the lamp has another shape than the scene's: the residuals go by the "
             f"angle off its axis; {FIT_SHAPE}"

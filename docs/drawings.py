@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array import ForwardModel, load_scene
-from uuv_optical_array.control.formation import FormationSettings
+from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.core.geometry import rotation_matrix
 from uuv_optical_array.forward.array import build_array
 

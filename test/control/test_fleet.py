@@ -9,7 +9,7 @@ from followers import TrackedLaw, relative
 
 from uuv_optical_array.control.fleet import MIN_SEPARATION_M, vee
 from uuv_optical_array.control.follow_record import least_distance
-from uuv_optical_array.control.formation import FormationSettings
+from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.vehicles.leader_path import leader_twist
 from uuv_optical_array.control.vehicles.vehicle import Vehicle, start_behind
 from uuv_optical_array.core.geometry import rotation_matrix

@@ -18,7 +18,8 @@ from uuv_optical_array.control.following import (
     SURFACE_M_PER_S,
     Following,
 )
-from uuv_optical_array.control.formation import RANGE_STDS, FormationSettings
+from uuv_optical_array.control.formation import RANGE_STDS
+from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.leader.motion import CHANCE, CHANGE, Glow
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.tracking.track import Outlier

@@ -28,12 +28,9 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from tracks import turned
 
-from uuv_optical_array.control.formation import (
-    CRAB_GAIN,
-    CRAB_RAD,
-    FormationController,
-    FormationSettings,
-)
+from uuv_optical_array.control.formation import FormationController
+from uuv_optical_array.control.formation_settings import FormationSettings
+from uuv_optical_array.control.steering import CRAB_GAIN, CRAB_RAD
 from uuv_optical_array.control.vehicles.bluerov2 import BlueRov2
 from uuv_optical_array.control.vehicles.sea import Sea
 from uuv_optical_array.control.vehicles.vehicle import Vehicle

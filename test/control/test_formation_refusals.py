@@ -17,11 +17,7 @@ from followers import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uuv_optical_array.control.formation import (
-    MOST_UNCERTAIN,
-    RANGE_STDS,
-    FormationController,
-)
+from uuv_optical_array.control.formation import MOST_UNCERTAIN, RANGE_STDS, FormationController
 from uuv_optical_array.core.errors import NoPose
 
 number = st.one_of(

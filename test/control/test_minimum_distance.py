@@ -8,12 +8,9 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.formation import (
-    Aim,
-    FormationController,
-    FormationSettings,
-    KeepOff,
-)
+from uuv_optical_array.control.formation import FormationController
+from uuv_optical_array.control.formation_settings import FormationSettings
+from uuv_optical_array.control.steering import Aim, KeepOff
 from uuv_optical_array.control.vehicles.leader_path import leader_twist
 from uuv_optical_array.core.errors import NoPose
 

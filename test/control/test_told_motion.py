@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from test_following import OPEN, TICK_S, Pursuit
 
 from uuv_optical_array.control.darkness import SearchSettings
-from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.formation import FormationController
+from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.leader.motion import LeaderMotion
 from uuv_optical_array.control.leader.told_motion import (
     AHEAD_S,

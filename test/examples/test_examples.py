@@ -7,7 +7,7 @@ import re
 import pytest
 import yaml
 
-from uuv_optical_array.control.formation import FormationSettings
+from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.nodes.bringup.security import PROCESSES
 from uuv_optical_array.nodes.estimator_node import PARAMETERS, EstimatorNode

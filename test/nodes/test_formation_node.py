@@ -15,7 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from uuv_optical_array.control.darkness import SearchSettings
 from uuv_optical_array.control.following import Following
-from uuv_optical_array.control.formation import FormationSettings
+from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.leader.motion import Glow
 from uuv_optical_array.core.geometry import body_twist, covariance_5x5
 from uuv_optical_array.forward.scene import load_scene

@@ -7,7 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from tracks import correlated
 
-from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.formation import FormationController
+from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.vehicles.leader_path import leader_twist
 from uuv_optical_array.control.vehicles.vehicle import Vehicle, start_behind
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings

@@ -10,18 +10,13 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.control.formation import (
-    Aim,
-    FormationSettings,
-    KeepOff,
-    bow_to,
-    polar,
-)
+from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.leader.belief import Goal, LeaderBelief
 from uuv_optical_array.control.leader.motion import Glow, LeaderMotion, turning
 from uuv_optical_array.control.leader.other_lamp import OtherLamp, within_reach
 from uuv_optical_array.control.leader.sight import SightSettings
 from uuv_optical_array.control.leader.told_motion import Told
+from uuv_optical_array.control.steering import Aim, KeepOff, bow_to, polar
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Quantity
 

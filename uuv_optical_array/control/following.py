@@ -34,11 +34,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.control.darkness import DOUBT, Darkness, SearchSettings, Seen
-from uuv_optical_array.control.formation import (
-    FormationController,
-    FormationSettings,
-    nanoseconds,
-)
+from uuv_optical_array.control.formation import FormationController, nanoseconds
+from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.leader.motion import Glow, LeaderMotion
 from uuv_optical_array.control.leader.other_lamp import OtherLamp, goes_on
 from uuv_optical_array.control.leader.told_motion import Message

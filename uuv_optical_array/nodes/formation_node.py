@@ -19,7 +19,7 @@ from visualization_msgs.msg import MarkerArray
 
 from uuv_optical_array.control.darkness import SearchSettings
 from uuv_optical_array.control.following import Following, State
-from uuv_optical_array.control.formation import FormationSettings
+from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.leader.motion import Glow
 from uuv_optical_array.control.leader.told_motion import Message, twist_of_lamp
 from uuv_optical_array.core.geometry import Array, covariance_5x5

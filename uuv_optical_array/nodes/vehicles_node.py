@@ -20,7 +20,7 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.time import Time
 
-from uuv_optical_array.control.formation import FormationSettings
+from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.vehicles.bluerov2 import BlueRov2
 from uuv_optical_array.control.vehicles.leader_path import lead, leader_path
 from uuv_optical_array.control.vehicles.sea import CURRENT, Sea, WaveSettings

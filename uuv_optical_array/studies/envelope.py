@@ -23,7 +23,7 @@ from typing import Any
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.following import Following
-from uuv_optical_array.control.formation import STATION, FormationSettings
+from uuv_optical_array.control.formation_settings import STATION, FormationSettings
 from uuv_optical_array.core.processes import spread
 from uuv_optical_array.core.settings import Place, Quantity, Setting
 from uuv_optical_array.core.storage.formats import columns

@@ -7,7 +7,7 @@ import numpy as np
 
 from uuv_optical_array.control.closed_loop import ClosedLoop, Light, Swimmer, clouded
 from uuv_optical_array.control.following import Following
-from uuv_optical_array.control.formation import STATION, FormationSettings
+from uuv_optical_array.control.formation_settings import STATION, FormationSettings
 from uuv_optical_array.control.vehicles.sea import CURRENT, Sea
 from uuv_optical_array.control.vehicles.vehicle import Vehicle, start_behind
 from uuv_optical_array.core.settings import Numbers, Place, Quantity, check

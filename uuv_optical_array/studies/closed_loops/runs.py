@@ -17,7 +17,7 @@ from uuv_optical_array.control.closed_loop import (
 )
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.following import Following
-from uuv_optical_array.control.formation import FormationSettings
+from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.vehicles.bluerov2 import BlueRov2
 from uuv_optical_array.control.vehicles.leader_path import PATHS, LeaderPath, leader_twist
 from uuv_optical_array.control.vehicles.sea import Sea

@@ -1,0 +1,55 @@
+"""What a user may set of the formation law: station, gains and limits."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from uuv_optical_array.core.settings import Place, Quantity
+
+STATION = Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
+
+
+@dataclass(frozen=True)
+class FormationSettings:
+    """Station, gains and limits; ValueError for a station that is not behind the lamp."""
+
+    station_m: Annotated[Place, STATION] = (-4.5, 0.0, 0.0)
+    min_distance_m: Annotated[
+        float, Quantity("nearest to the lamp; 0 for no minimum", "m", 0, 50)
+    ] = 2.0
+    position_gain_per_s: Annotated[float, Quantity("speed per position error", "1/s", 0.01, 2)] = (
+        0.4
+    )
+    attitude_gain_per_s: Annotated[
+        float, Quantity("turn rate per attitude error", "1/s", 0.01, 2)
+    ] = 0.4
+    smoothing_s: Annotated[float, Quantity("time constant of the command", "s", 0.01, 10)] = 0.5
+    max_surge_m_per_s: Annotated[float, Quantity("fastest surge", "m/s", 0.01, 5)] = 1.4
+    max_sway_m_per_s: Annotated[float, Quantity("fastest sway and heave", "m/s", 0.01, 5)] = 1.0
+    max_turn_deg_per_s: Annotated[float, Quantity("fastest turn", "deg/s", 0.1, 90)] = 30.0
+    max_acceleration_m_per_s2: Annotated[
+        float, Quantity("of the commanded speed", "m/s^2", 0.01, 5)
+    ] = 1.0
+    max_acceleration_deg_per_s2: Annotated[
+        float, Quantity("of the commanded turn", "deg/s^2", 0.1, 90)
+    ] = 30.0
+    light_timeout_s: Annotated[
+        float, Quantity("without a pose until the light is lost", "s", 0.1, 60)
+    ] = 1.0
+    stop_time_s: Annotated[
+        float, Quantity("to come to rest in, which caps the approach", "s", 0.1, 60)
+    ] = 3.0
+    bow_to_lamp: Annotated[
+        bool, Quantity("point the bow at the lamp, in place of along the leader's")
+    ] = False
+
+    def __post_init__(self) -> None:
+        if not self.station_m[0] <= -0.5:
+            raise ValueError(
+                f"station_m: {list(self.station_m)} is not behind the lamp; "
+                "its x must be from -50 to -0.5 m"
+            )
+
+    @property
+    def blind_s(self) -> float:
+        """Time for which a follower would go on at its speed, should the light go out, s."""
+        return self.light_timeout_s + self.stop_time_s / 2

@@ -16,7 +16,6 @@ from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.beam import gaussians_of
 from uuv_optical_array.forward.effects import forms
-from uuv_optical_array.forward.effects.electronics import detection, largest_demodulated
 from uuv_optical_array.forward.effects.forms import Background, Blur, Gain, Shade
 from uuv_optical_array.forward.lamps import GEOMETRY, TURN, lamps_in_numbers, one_of_lamps
 from uuv_optical_array.forward.light import RAY_ROWS
@@ -27,11 +26,8 @@ from uuv_optical_array.forward.optics import (
     LAWS,
     SHADE,
     Optics,
-    ReadingNoise,
     detect,
-    reading_variance,
     trace,
-    variance_slope,
     write_light,
 )
 from uuv_optical_array.forward.prior import (
@@ -52,6 +48,7 @@ from uuv_optical_array.forward.prior import (
     shade_modes,
     unknown_forms,
 )
+from uuv_optical_array.forward.readout import Readout
 from uuv_optical_array.forward.scene import Scene
 
 BLOCK_READINGS = 51_200  # whose rays fit into the second level of the cache
@@ -60,7 +57,7 @@ STEP_KINDS = {Background: BACKGROUND, Gain: GAIN, Blur: BLUR, Shade: SHADE}
 T = TypeVar("T")
 
 
-class ForwardModel:
+class ForwardModel(Readout):
     """Images of a scene's array at given poses.
 
     Images have shape ``(..., side, side)``, in counts; row 0 is the top of the array,
@@ -73,14 +70,8 @@ class ForwardModel:
 
     Attributes
     ----------
-    noise : optics.ReadingNoise
-        Of a reading, rounding and what the scene's prior does not know of gains and beam included.
-    own_noise : optics.ReadingNoise
-        Of a reading by known gains and beam, rounding included.
-    analogue_noise : optics.ReadingNoise
-        Of a reading before it is rounded.
-    saturation_counts : float
-        Largest reading before the converter; inf: none.
+    noise, own_noise, analogue_noise, saturation_counts
+        Of readings, as of `Readout`.
     nuisances : tuple of str
         Settings that a prior may leave uncertain, by dotted name, with `prior.unknown_forms`. The
         offset of ``lamp.power`` is that of its logarithm, the others have the setting's unit.
@@ -97,42 +88,11 @@ class ForwardModel:
         self.array = build_array(scene.array)
         self._forms = effects.plan(scene.effects, self.array)
         self._moving = [form.factor for form in self._of(forms.Moving)]
-        noises, converters = self._of(forms.Noise), self._of(forms.Converter)
-        self.saturation_counts = min(
-            (form.level_counts for form in self._of(forms.Saturation)), default=np.inf
-        )
-        # Of lamps with another code: variance of a count, and by how much of one readings saturate
-        # earlier than at the level of this lamp alone.
-        self._beside_slope, self._beside_share, self._level_counts = 0.0, 0.0, np.inf
-        variance = float(sum(form.variance for form in noises))
-        slope, known = float(sum(form.slope for form in noises)), set[str]()
-        square = float(sum(form.square for form in noises))
-        for form in self._of(forms.Demodulation):
-            # Daylight leaves the readings, and stays in their noise.
-            level = sum(step.scale for step in self._of(Background) if step.nuisance == AMBIENT)
+        super().__init__(scene, self._forms)
+        known = set[str]()
+        if self.modulated:
             self._forms = tuple(f for f in self._forms if getattr(f, "nuisance", "") != AMBIENT)
-            found = detection(form.waveform, scene.lamp_count)
-            variance = found.noise_factor * (variance + slope * level)
-            self._beside_slope = found.noise_factor * slope
-            slope, known = slope * found.light_factor, {*DAYLIGHT}
-            if np.isfinite(self.saturation_counts):
-                self._beside_share = detection(form.waveform, 1).peak_factor / found.peak_factor
-                self._level_counts = largest_demodulated(
-                    self.saturation_counts,
-                    level,
-                    scene.lamp_count,
-                    **scene.effects["demodulation"],
-                )
-                self.saturation_counts = scene.full_scale_counts
-        low, high = -np.inf, self.saturation_counts
-        rounding = 0.0
-        for converter in converters:
-            # Rounding is uniform within a count.
-            low, high, rounding = 0.0, float(np.rint(min(converter.largest, high))), 1 / 12
-        black = scene.black_counts
-        self.analogue_noise = ReadingNoise(variance, slope, low, high, square, black)
-        self.own_noise = self.analogue_noise._replace(variance=variance + rounding)
-        self.noise = self.own_noise._replace(square=scene.prior.spread**2 + square)
+            known |= {*DAYLIGHT}
         named = [form.nuisance for form in self._of(forms.Transmission)]
         named += [form.nuisance for kind in (Background, Gain) for form in self._of(kind)]
         if self._of(forms.Scattering):
@@ -388,13 +348,6 @@ class ForwardModel:
         """Image without noise and without rounding, as `light` with the electronics' limits."""
         return np.minimum(self.light(poses, roll), self.saturation_counts)
 
-    def variance(self, light: Array) -> tuple[Array, Array]:
-        """Variance of readings by all noise and by rounding (eq. 7), and its slope by the light.
-
-        Both have the shape of `light`, in counts^2 (>= `optics.MIN_VARIANCE`) and counts.
-        """
-        return reading_variance(light, self.noise), variance_slope(light, self.noise)
-
     def expose(
         self,
         poses: ArrayLike,
@@ -422,38 +375,6 @@ class ForwardModel:
         count = self._lamps.shape[1]
         black = self.noise.black
         return black + np.concatenate([gains] * count, axis=-2) * (light - black)
-
-    def read(
-        self,
-        light: Array,
-        rng: np.random.Generator | None = None,
-        beside: Array | float = 0.0,
-    ) -> Array:
-        """Return the readings of light, of any shape: noise, saturation, converter.
-
-        With `demodulation` the light of lamps with another code, `beside`, counts, which broadcasts
-        to the `light`, stays in its shot noise and in what saturates alone. ValueError for a scene
-        with noise and no generator.
-        """
-        image = light
-        noise = self.analogue_noise
-        if noise.variance or noise.slope or noise.square:
-            if rng is None:
-                raise ValueError("rng: missing; this scene has noise, pass a numpy Generator")
-            lit = np.maximum(light - noise.black, 0.0)
-            variance = noise.variance + (noise.slope + noise.square * lit) * lit
-            variance = variance + self._beside_slope * beside
-            image = light + np.sqrt(variance) * rng.standard_normal(light.shape)
-        if np.any(beside):
-            image = np.minimum(image, self._level_counts - self._beside_share * beside)
-        return self.converted(image)
-
-    def converted(self, image: Array) -> Array:
-        """Apply saturation and converter to analogue readings, counts, any shape."""
-        image = np.minimum(image, self.saturation_counts)
-        for form in self._of(forms.Converter):
-            image = np.clip(np.rint(image), 0, form.largest)
-        return image
 
     def rays(self, poses: Array, rolls: Array) -> Array:
         """Return the rays to each detector from each lamp, as `light.ray`, shape ``(14, m, L n)``.

@@ -33,8 +33,11 @@ def free():
     return changed("follow", prior={"beam_shape_std": 0.05})
 
 
-@pytest.mark.parametrize("weights", [FLAT, PEAKED, (0.0, 1.0, 0.0)])
-@pytest.mark.parametrize("pose_std", [None, POSE_STD], ids=["exact places", "odometry"])
+@pytest.mark.parametrize(
+    ("weights", "pose_std"),
+    [(FLAT, POSE_STD), (PEAKED, None), ((0.0, 1.0, 0.0), POSE_STD)],
+    ids=["flat by odometry", "peaked at exact places", "one Gaussian by odometry"],
+)
 def test_the_shape_of_the_beam_is_found_from_its_width_alone(weights, pose_std, tmp_path):
     scene = lamp_of(weights)
     images, poses, rolls = recorded(scene, 150, seed=4)

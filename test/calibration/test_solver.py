@@ -30,9 +30,7 @@ STARTS = {
         ("behind", [0.02, 0.01, 0.01, 0.01, 0.02], 1),
         ("floors", None, 1),
         ("reference", None, 1),
-        ("reference", [0.02, 0.01, 0.01, 0.01, 0.02], 1),
         ("reference", [0.02, 0.01, 0.01, 0.01, 0.02], 3),
-        ("leading_lights", None, 1),
         ("leading_lights", [0.02, 0.01, 0.01, 0.01, 0.02], 3),
     ],
 )
@@ -54,8 +52,11 @@ def test_the_gradient_is_that_of_the_value(start, pose_std, images_a_place):
     if std is not None:
         # Of the shifts that follow the parameters, so that they leave nothing to gain.
         for _ in range(100):
-            shifts = shifts + likelihood.evaluate(Unknowns(here, shifts)).shift_step
-        assert np.abs(likelihood.evaluate(Unknowns(here, shifts)).shift_step).max() < 1e-5
+            step = likelihood.evaluate(Unknowns(here, shifts)).shift_step
+            shifts = shifts + step
+            if np.abs(step).max() < 1e-9:
+                break
+        assert np.abs(step).max() < 1e-5
         aside = 1e-5 * rng.normal(size=shifts.shape) * likelihood.pose_std
         ahead, behind = (likelihood.evaluate(Unknowns(here, shifts + x)) for x in (aside, -aside))
         assert abs(ahead.cost - behind.cost) / 2e-5 < 1e-2

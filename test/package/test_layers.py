@@ -14,6 +14,11 @@ ORDER = re.findall(r"^\| `(\w+)/` \|", DESIGN, re.MULTILINE)
 ROS = re.compile(r"(rclpy|launch|ament|tf2|tf_transformations)|\w*_(msgs|interfaces)$")
 
 
+def called(node):
+    """Return the last name of what a call calls."""
+    return getattr(node.func, "attr", None) or getattr(node.func, "id", "")
+
+
 @cache
 def imports(source):
     """Return the names that a module imports, at the top or inside a function."""
@@ -23,9 +28,7 @@ def imports(source):
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
         elif isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.Call) and re.search(
-            "import(_module|__)$", ast.unparse(node.func)
-        ):
+        elif isinstance(node, ast.Call) and called(node).endswith(("import_module", "import__")):
             names |= {word.value for word in node.args if isinstance(word, ast.Constant)}
     return names
 

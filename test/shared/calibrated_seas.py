@@ -3,12 +3,13 @@
 import dataclasses
 
 import numpy as np
+from scenes import ready
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import scene_from_settings
 
 LOWEST = np.array([-8.0, -0.8, -0.8, -0.35, -0.35])
 HIGHEST = np.array([-3.0, 0.8, 0.8, 0.35, 0.35])
@@ -19,7 +20,7 @@ AIMS = "lamp.aim_pitch_rad", "lamp.aim_yaw_rad", "array.aim_pitch_rad", "array.a
 
 def sea(start="reference", gains=(0.05, 9), **changes):
     """Return a scene with other values, by dotted name."""
-    plain = load_scene(start).settings()
+    plain = ready(start).settings()
     plain["effects"]["ambient"] = {"level_counts": 12.0}
     if gains:
         plain["effects"]["responsivity"] = dict(zip(("spread", "seed"), gains, strict=True))

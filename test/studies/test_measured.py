@@ -8,10 +8,15 @@ from calibrated_seas import named
 from command_line import json_of, run
 from pages import ROOT
 
+from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.photometric_files import read
+from uuv_optical_array.forward.photometry import fitted
 from uuv_optical_array.forward.prior import PRIORS
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.measured_light import poses as measured_poses
+from uuv_optical_array.studies.measured_light.lamps import DRIVE_IMAGES, MeasuredLamp
+from uuv_optical_array.studies.measured_light.lamps import scene_of as scene_of_beam
 from uuv_optical_array.studies.measured_light.poses import positions, relative_error, virtual_array
 from uuv_optical_array.studies.measured_light.report import report_room
 from uuv_optical_array.studies.measured_light.room import (
@@ -167,10 +172,13 @@ def test_places_that_follow_an_edge_that_is_no_gaussians_are_refused(power, refu
         return 0.92 * edge + 0.08 * np.exp(-0.5 * (angle / 18) ** 2)
 
     ies(tmp_path / "lamp.ies", beam)
-    (lamp,) = json_of(run, "study", "measured", tmp_path, "--poses", "1")["lamps"]
-    by_file = lamp["scenes"]["its file"]
-    assert not by_file["calibrated, exact"]["refusal"]
-    told = by_file["0.1 m, 2 deg"]["refusal"]
+    lamp = read(tmp_path / "lamp.ies")
+    scene = scene_of_beam(fitted(lamp).settings())
+    rng, std = np.random.default_rng(1), np.array([0.1, 0.1, 0.1, *np.radians([2, 2])])
+    places, images = MeasuredLamp(lamp, ForwardModel(scene)).lit(DRIVE_IMAGES, rng)
+    assert not calibrate(scene, images, places).refusal
+    errors = std * rng.standard_normal(places.shape)
+    told = calibrate(scene, images, places + errors, pose_std=std).refusal
     assert ("nearer to the beam's axis" in told and "diffuser" in told) == refused
 
 

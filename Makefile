@@ -79,6 +79,10 @@ clean:  ## remove .venv and all that can be made again
 FIT := import ensurepip, platform as p, sys; sys.exit(not ((3, 10) <= sys.version_info < (3, 15) \
   and (p.system(), p.machine()) == ("Linux", "x86_64")))
 
+COMPILE := from uuv_optical_array.estimation.fit_compiler import compile_fit; compile_fit()
+# Python compiles at its first import what is imported, which is a small part of all.
+QUICK := -qq --no-compile
+
 .venv/installed: constraints-kilted.txt
 $(JAZZY)/installed: constraints-jazzy.txt
 %/installed: setup.py constraints.txt
@@ -87,7 +91,10 @@ $(JAZZY)/installed: constraints-jazzy.txt
 	  'make PYTHON=python3.12' >&2; exit 1; }
 	@echo 'Installing into $*; this takes a minute, once'
 	@$(PYTHON) -m venv --clear $*
-	@$*/bin/pip install -qq --disable-pip-version-check -c constraints.txt pip setuptools
-	@$*/bin/pip install -qq --no-build-isolation $(patsubst %,-c %,$(filter constraints%,$^)) \
+	@$*/bin/pip install $(QUICK) --disable-pip-version-check -c constraints.txt pip setuptools
+	@$*/bin/pip install $(QUICK) --no-build-isolation -c constraints.txt -e '.[fast]'
+	@# The fit compiles beside the rest of this, and then beside the first command.
+	@$*/bin/python -c '$(COMPILE)' < /dev/null > /dev/null 2>&1 & \
+	$*/bin/pip install $(QUICK) --no-build-isolation $(patsubst %,-c %,$(filter constraints%,$^)) \
 	  -e '.[ros,test]'
 	@touch $@

@@ -56,6 +56,12 @@ def test_values_come_before_comments(like):
     assert yaml.safe_load(yaml_text.text_of(values, like)) == values
 
 
+def test_who_changes_what_was_read_changes_it_for_nobody_else():
+    text = "a: {b: [1]}"
+    yaml_text.parse(text)["a"]["b"].append(2)
+    assert yaml_text.parse(text) == {"a": {"b": [1]}}
+
+
 LEAVES = (
     st.integers()
     | st.floats(allow_nan=False, allow_infinity=False)

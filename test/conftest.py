@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import gc
 import importlib.util
 import json
 import math
@@ -124,6 +125,10 @@ def pytest_collection_modifyitems(items):
         for group in groups
         for item in group[part * len(group) // workers : (part + 1) * len(group) // workers]
     ]
+
+
+def pytest_collection_finish():
+    gc.freeze()  # what was collected lasts, and is not looked at again and again
 
 
 def pytest_unconfigure():

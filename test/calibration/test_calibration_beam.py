@@ -78,8 +78,11 @@ def test_what_the_shape_leaves_is_relative_to_the_light():
     assert not found.refusal
 
 
-@pytest.mark.parametrize("pose_std", [None, POSE_STD], ids=["exact places", "odometry"])
-@pytest.mark.parametrize("weights", [FLAT, PEAKED])
+@pytest.mark.parametrize(
+    ("weights", "pose_std"),
+    [(FLAT, None), (PEAKED, POSE_STD)],
+    ids=["flat at exact places", "peaked by odometry"],
+)
 def test_another_beam_is_refused_by_its_name_and_not_by_that_of_the_odometry(weights, pose_std):
     images, poses, rolls = recorded(lamp_of(weights), 150, seed=7)
     if pose_std is not None:

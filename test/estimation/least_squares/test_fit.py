@@ -214,9 +214,11 @@ def own_minimum(fit, readings, start, roll):
     return polished.x * units, polished.fun
 
 
-@pytest.mark.parametrize("counts", [900.0, 3000.0], ids=["in range", "saturated"])
-@pytest.mark.parametrize("roll", [0.0, ROLL], ids=["level", "rolled"])
-@pytest.mark.parametrize("stds", [{}, THREE], ids=["known scene", "nuisances"])
+@pytest.mark.parametrize(
+    ("counts", "roll", "stds"),
+    [(900.0, 0.0, {}), (900.0, ROLL, THREE), (3000.0, 0.0, THREE), (3000.0, ROLL, {})],
+    ids=["level", "rolled, nuisances", "saturated, nuisances", "saturated, rolled"],
+)
 def test_the_fit_ends_where_scipys_optimiser_does_and_at_its_cost(counts, roll, stds):
     model = model_of("daylight" if stds else "electronics", counts)
     fit = Fit(model, stds)

@@ -8,6 +8,7 @@ from scipy import linalg
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.linear_algebra import (
     cholesky,
+    orthonormal,
     solve,
     solve_lower,
     solve_upper,
@@ -76,7 +77,8 @@ def test_a_system_is_solved_as_numpy_solves_it_and_a_singular_one_is_refused(col
 
 
 @pytest.mark.parametrize("shape", [(5, 5), (25, 5), (9, 18)])
-def test_the_triangular_factor_is_numpys(shape):
+def test_the_factors_of_qr_are_numpys(shape):
     matrix = np.random.default_rng(shape[0]).standard_normal(shape)
-    found, expected = triangular_factor(matrix), np.linalg.qr(matrix, mode="r")
-    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
+    basis, factor = np.linalg.qr(matrix)
+    np.testing.assert_allclose(orthonormal(matrix), basis, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(triangular_factor(matrix), factor, rtol=1e-13, atol=1e-13)

@@ -1,6 +1,7 @@
 """Linear algebra of matrices so small that the checks around LAPACK take longer than the sums.
 
-`solve` and `qr` call LAPACK without them. Cholesky's factor is written out, for compiled loops.
+`solve` and the factors of QR call LAPACK without them. Cholesky's is written out, for compiled
+loops.
 """
 
 import math
@@ -27,6 +28,12 @@ def triangular_factor(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return R of the QR decomposition, shape ``(min(n, m), m)`` for a matrix of ``(n, m)``."""
     factor = lapack.dgeqrf(matrix)[0][: min(matrix.shape)]
     return np.asarray(factor * _upper_mask(factor.shape))
+
+
+def orthonormal(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return Q of the QR decomposition, shape ``(n, min(n, m))`` for a matrix of ``(n, m)``."""
+    reflectors, scales, *_ = lapack.dgeqrf(matrix)
+    return np.asarray(lapack.dorgqr(reflectors[:, : len(scales)], scales)[0])
 
 
 @cache

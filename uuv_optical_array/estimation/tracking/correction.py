@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import lapack, solve_triangular
 
 from uuv_optical_array.core.geometry import Array, wrapped
-from uuv_optical_array.core.numerics.linear_algebra import solve, triangular_factor
+from uuv_optical_array.core.numerics.linear_algebra import orthonormal, solve, triangular_factor
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import (
     STATE,
@@ -68,11 +68,14 @@ class Deferred:
 
 
 class Corrected(NamedTuple):
-    """A belief corrected by a frame, and distance and cost of the frame as `weigh` returns them."""
+    """A belief corrected by a frame, and distance and cost of the frame as `weigh` returns them.
+
+    Few frames are asked for their cost, which takes all that their readings say.
+    """
 
     belief: Deferred
     distance: float
-    cost: float = 0.0
+    cost: Callable[[], float]
 
 
 class Correction:
@@ -96,7 +99,7 @@ class Correction:
             observation = self._of_pose(belief, frame, step_s)
             corrected = Deferred(lambda: correct(belief, observation))
             weight = weigh(belief.covariance, observation)
-            return Corrected(corrected, weight.distance, weight.cost)
+            return Corrected(corrected, weight.distance, lambda: weight.cost)
         result = self._by_readings(belief, frame, frame.readings)
         distance = max(result.distance, pose_distance(belief, frame))
         return result._replace(distance=distance)
@@ -135,33 +138,39 @@ class Correction:
         before, coordinates = self._straight(belief), self._coordinates
         expected, constants = before.mean[POSE], self._space.offsets(belief)
 
-        def observation_of(readings: LinearisedReadings) -> Observation:
+        def stacked(readings: LinearisedReadings) -> Array:
             at = coordinates.of(readings.at)
             slopes = readings.slopes @ coordinates.place(at)[1]
             off = coordinates.difference(np.concatenate([expected, constants]), at)
-            return self._observation(readings, slopes, off, before)
+            return self._stacked(readings, slopes, off, before)
 
-        observation = observation_of(readings)
-        of_pose = Observation(observation.innovation[:5], observation.slopes[:5])
+        whole = stacked(readings)
+        # Of all readings this alone depends on the pose, and the gate is to wait for no more.
+        of_pose = self._observation(orthonormal(whole[:, :5]).T @ whole)
         distance, _, shift = weigh(before.covariance, of_pose)
-        cost = weigh(before.covariance, observation).cost
+
+        def cost() -> float:
+            return weigh(before.covariance, self._observation(triangular_factor(whole))).cost
 
         def finished() -> Belief:
-            used = observation
+            used = whole
             # A frame beyond the gate is not of this track, wherever it is linearised.
             if frame.relinearise and distance <= self._gate:
                 at = np.concatenate([expected + RELINEARISE_AT * shift[POSE], constants])
                 with suppress(ValueError):  # not finite there
                     near = frame.relinearise(coordinates.place(at)[0])
-                    used = observation_of(checked_readings(near, self._constants))
-            return self._curved(learn(before, used))
+                    used = stacked(checked_readings(near, self._constants))
+            # Turned so that each number depends on one error fewer than the one before it.
+            return self._curved(learn(before, self._observation(triangular_factor(used))))
 
         return Corrected(Deferred(finished), distance, cost)
 
-    def _observation(
+    def _stacked(
         self, readings: LinearisedReadings, slopes: Array, off: Array, before: Belief
-    ) -> Observation:
-        """Return what readings say, of which only the first five numbers depend on the pose.
+    ) -> Array:
+        """Return slopes of readings by pose and what is learnt, ``(n, 5 + learnt + 1)``.
+
+        The last column is their innovation.
 
         - slopes, off: by coordinates of pose and constants, and how far these are off.
         """
@@ -170,12 +179,12 @@ class Correction:
         errors = space.parts @ before.mean[STATE:]
         errors[of] = off[5:] / space.stds[of]
         innovation = residuals - by_pose @ off[:5] - by_learnt @ errors
-        # Turned so that each number depends on one error fewer than the one before it.
-        turned = triangular_factor(np.column_stack([by_pose, by_learnt, innovation]))
-        of_errors, innovation = turned[:, :-1], turned[:, -1]
-        none = np.zeros((len(innovation), 5))
-        by_biases = of_errors[:, 5:] @ space.parts
-        return Observation(innovation, np.hstack([of_errors[:, :5], none, by_biases]))
+        return np.concatenate([by_pose.T, by_learnt.T, innovation[None]]).T
+
+    def _observation(self, turned: Array) -> Observation:
+        """Return what readings say, by combinations of the rows of `_stacked`."""
+        none, by_biases = np.zeros((len(turned), 5)), turned[:, 5:-1] @ self._space.parts
+        return Observation(turned[:, -1], np.hstack([turned[:, :5], none, by_biases]))
 
     def _straight(self, belief: Belief) -> Belief:
         """Return a belief with the pose in straight coordinates."""

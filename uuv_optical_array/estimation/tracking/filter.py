@@ -18,7 +18,7 @@ anew with the first readings.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -158,23 +158,23 @@ class FrameFilter:
         """
         usual = None
         for obeys in (True, False) if self.commanded(frame.stamp_ns) else (False,):
-            best, least = None, math.inf
+            best = None
             for event in SHARES:
                 # A wider and rarer event is no likelier than a usual motion that fits.
-                if best and best.distance**2 <= -2 * math.log(SHARES[event]):
+                if best and best[0].distance ** 2 <= -2 * math.log(SHARES[event]):
                     continue
-                fused, cost = self._fused_by(state, frame, obeys, event)
-                usual = usual or fused
-                if fused.distance <= self.gate and cost < least:
-                    best, least = fused, cost
+                found = self._fused_by(state, frame, obeys, event)
+                usual = usual or found[0]
+                if found[0].distance <= self.gate and (not best or found[1]() < best[1]()):
+                    best = found
             if best:
-                return best
+                return best[0]
         assert usual is not None
         return usual
 
     def _fused_by(
         self, state: State, frame: Measurement, obeys: bool, event: Event
-    ) -> tuple[State, float]:
+    ) -> tuple[State, Callable[[], float]]:
         """Return the state with a frame by one event, and twice its negative log-probability."""
         predicted = self._predicted(state, frame.stamp_ns, obeys, event)
         taken = frame.readings is not None or frame.uneven or not state.by_readings
@@ -183,7 +183,7 @@ class FrameFilter:
             corrected = self._correction.correct(predicted, frame, step_s)
         else:
             still = Deferred(lambda: predicted)
-            corrected = Corrected(still, pose_distance(predicted, frame))
+            corrected = Corrected(still, pose_distance(predicted, frame), lambda: 0.0)
         fused = State(
             frame,
             frame,
@@ -194,7 +194,7 @@ class FrameFilter:
             state.frames + taken,
             corrected.distance,
         )
-        return fused, corrected.cost - 2 * math.log(SHARES[event])
+        return fused, lambda: corrected.cost() - 2 * math.log(SHARES[event])
 
     def _predicted(self, state: State, stamp_ns: int, obeys: bool, event: Event) -> Belief:
         """Return the belief at a later stamp, where the follower obeys its commands or does not."""

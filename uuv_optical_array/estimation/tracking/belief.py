@@ -21,7 +21,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import block_diag, lapack
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
@@ -62,6 +62,7 @@ class BiasSpace:
     - stds: what one is of each, in its own unit, shape ``(learnt,)``.
     - range: place of the bias of ranges among all, `size` in all.
     - parts: the errors by the biases, shape ``(learnt, size)``.
+    - by_state: pose and errors by pose, rate and biases, shape ``(5 + learnt, 10 + size)``.
     - blocks: gain errors of detectors by those that are learnt, shape ``(detectors, blocks)``.
     """
 
@@ -75,7 +76,9 @@ class BiasSpace:
         self.range = n + gains
         self.size = self.range + 1
         self.parts = np.hstack([np.eye(n), np.eye(n, gains, -q), np.zeros((n, 1))])
+        self.by_state = block_diag(np.eye(5, STATE), self.parts)
         self.by_offsets = self.stds[:q, None] * self.parts[:q]
+        self._units = np.array([*[1.0] * 5, *c.stds])
         by_block = np.tile(self.blocks * gain_stds, (c.lamps, 1))
         self._by_gains = by_block if gains else np.zeros((1, 0))
         self._shade_rest = c.shade_rest
@@ -117,28 +120,26 @@ class BiasSpace:
         """
         return self.by_offsets @ belief.mean[STATE:]
 
-    def whitened(self, readings: LinearisedReadings, slopes: Array) -> tuple[Array, Array, Array]:
-        """Return readings in units of their noise, of one frame or of many.
+    def whitened(self, readings: LinearisedReadings, slopes: Array) -> Array:
+        """Return slopes and residuals in units of their noise, of one frame or of many.
 
         What shades of the scene leave in frames that pass for clear counts as noise.
 
         - slopes: by pose and constants, in any coordinates, shape ``(..., n, 5 + q)``.
-        - returned: residuals, slopes by the pose, and by what is learnt, shapes ``(..., n)``,
-          ``(..., n, 5)`` and ``(..., n, learnt)``.
+        - returned: slopes by the pose and by what is learnt, residuals last, shape
+          ``(..., n, 5 + learnt + 1)``.
         """
         white = 1 / np.sqrt(readings.variances)  # a reading of infinite variance says nothing
-        slopes = white[..., None] * slopes
-        by_constants = slopes[..., 5:] * self.stds[self.constants]
-        by_gains = (white * readings.light)[..., None] * self._by_gains
-        by_learnt = np.concatenate([by_constants, by_gains], axis=-1)
-        parts = [(white * readings.residuals)[..., None], slopes[..., :5], by_learnt]
+        whole, own = np.empty((*white.shape, 5 + self.learnt + 1)), len(self._units)
+        light = (white * readings.light)[..., None]
+        whole[..., :own] = white[..., None] * (slopes * self._units)
+        whole[..., own:-1] = light * self._by_gains
+        whole[..., -1] = white * readings.residuals
         if self._shade_rest.size:
-            shades = (white * readings.light)[..., None] * self._shade_rest
-            basis, sizes, _ = np.linalg.svd(shades, full_matrices=False)
+            basis, sizes, _ = np.linalg.svd(light * self._shade_rest, full_matrices=False)
             less = 1 / np.sqrt(1 + sizes**2)[..., None] - 1
-            parts = [part + basis @ (less * (basis.swapaxes(-1, -2) @ part)) for part in parts]
-        residuals, by_pose, by_learnt = parts
-        return residuals[..., 0], by_pose, by_learnt
+            whole += basis @ (less * (basis.swapaxes(-1, -2) @ whole))
+        return whole
 
 
 def _blocks(side: int) -> Array:

@@ -104,7 +104,8 @@ class Changes:
         except ValueError:
             return None
         stacked = LinearisedReadings(*map(np.array, zip(*readings, strict=True)))
-        y, by_pose, by_biases = self._space.whitened(stacked, stacked.slopes)
+        whole = self._space.whitened(stacked, stacked.slopes)
+        by_pose, by_biases, y = whole[..., :5], whole[..., 5:-1], whole[..., -1]
         of_path = np.einsum("tna,ats->tnas", by_pose, roots).reshape(*y.shape, -1)
         root = np.concatenate([by_biases, of_path], axis=2).reshape(y.size, -1)
         # S = I + root root', and its inverse is I - basis basis'.

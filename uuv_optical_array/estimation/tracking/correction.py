@@ -168,23 +168,19 @@ class Correction:
     def _stacked(
         self, readings: LinearisedReadings, slopes: Array, off: Array, before: Belief
     ) -> Array:
-        """Return slopes of readings by pose and what is learnt, ``(n, 5 + learnt + 1)``.
-
-        The last column is their innovation.
+        """Return what `BiasSpace.whitened` does, with the innovation instead of residuals.
 
         - slopes, off: by coordinates of pose and constants, and how far these are off.
         """
         space, of = self._space, self._space.constants
-        residuals, by_pose, by_learnt = space.whitened(readings, slopes)
-        errors = space.parts @ before.mean[STATE:]
+        whole, errors = space.whitened(readings, slopes), space.parts @ before.mean[STATE:]
         errors[of] = off[5:] / space.stds[of]
-        innovation = residuals - by_pose @ off[:5] - by_learnt @ errors
-        return np.concatenate([by_pose.T, by_learnt.T, innovation[None]]).T
+        whole[:, -1] -= whole[:, :-1] @ np.concatenate([off[:5], errors])
+        return whole
 
     def _observation(self, turned: Array) -> Observation:
         """Return what readings say, by combinations of the rows of `_stacked`."""
-        none, by_biases = np.zeros((len(turned), 5)), turned[:, 5:-1] @ self._space.parts
-        return Observation(turned[:, -1], np.hstack([turned[:, :5], none, by_biases]))
+        return Observation(turned[:, -1], turned[:, :-1] @ self._space.by_state)
 
     def _straight(self, belief: Belief) -> Belief:
         """Return a belief with the pose in straight coordinates."""
@@ -221,4 +217,4 @@ def pose_distance(belief: Belief, frame: Measurement) -> float:
     spread = belief.covariance[POSE, POSE] + frame.root @ frame.root.T
     off = wrapped(frame.pose - belief.mean[POSE])
     white, _ = lapack.dtrtrs(lapack.dpotrf(spread, lower=1)[0], off, lower=1)
-    return float(np.linalg.norm(white))
+    return math.sqrt(white @ white)

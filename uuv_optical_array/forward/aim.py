@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from uuv_optical_array.core.geometry import Array, turned_about_lamp, turned_on_mount
+from uuv_optical_array.core.geometry import Array, X, turned_about_lamp, turned_on_mount
 from uuv_optical_array.forward.scene import Scene
 
 
@@ -27,10 +27,10 @@ def aim_slopes(scene: Scene, pose: Array, roll: float = 0.0) -> Array:
     prior = scene.prior
     of_array, of_lamp = map(math.radians, (prior.aim_std_deg, prior.lamp_aim_std_deg))
     on_mount = turned_on_mount(pose, roll, scene.array.bow_m)
-    slopes = np.empty((5, aim_count(scene)))
+    slopes = np.zeros((5, aim_count(scene)))
     slopes[:, :2], slopes[:, 2:4] = of_array * on_mount, of_lamp * turned_about_lamp(pose)
     # What lies farther ahead looks as from farther astern.
-    slopes[:, 4:] = -prior.lamp_behind_std_m * np.eye(5)[:, :1]
+    slopes[X, 4:] = -prior.lamp_behind_std_m
     return slopes
 
 

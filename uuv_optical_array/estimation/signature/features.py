@@ -276,7 +276,7 @@ def no_pattern(image: Array, min_peak_counts: float) -> str | None:
     is broken. A pose as wide as that is no guide near a leader, and without one the follower stops.
     """
     brightest, darkest = float(image.max()), float(image.min())
-    if not np.isfinite(brightest):
+    if not math.isfinite(brightest):
         return f"not finite: a detector reads {brightest}"
     if brightest < min_peak_counts:
         return f"no light: the peak of {brightest:g} counts is below {min_peak_counts:g}"

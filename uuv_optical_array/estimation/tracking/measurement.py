@@ -14,6 +14,8 @@ from uuv_optical_array.estimation.unknowns.constants import Constants
 # What is beyond any sea but not beyond double precision, m and rad.
 MAX_POSE, MIN_VARIANCE, MAX_VARIANCE, MAX_CONDITION = 1e6, 1e-12, 1e8, 1e10
 
+POSE_CURE = f"give ({', '.join(DOF_NAMES)}), five numbers within +-{MAX_POSE:g}"
+
 Relinearise = Callable[[Array], LinearisedReadings]
 
 
@@ -45,12 +47,11 @@ def checked_pose(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
     ValueError for a wrong shape or bound, or a covariance that is not symmetric positive definite.
     """
     pose, covariance = np.array(pose, dtype=float), np.asarray(covariance, dtype=float)
-    cure = f"give ({', '.join(DOF_NAMES)}), five numbers within +-{MAX_POSE:g}"
     if pose.shape != (5,):
-        raise ValueError(f"pose: {pose.tolist()}; {cure}")
+        raise ValueError(f"pose: {pose.tolist()}; {POSE_CURE}")
     for name, value in zip(DOF_NAMES, pose.tolist(), strict=True):
         if not abs(value) <= MAX_POSE:
-            raise ValueError(f"pose: {name} is {value}; {cure}")
+            raise ValueError(f"pose: {name} is {value}; {POSE_CURE}")
     if covariance.shape != (5, 5) or not np.isfinite(covariance).all():
         raise ValueError(f"covariance: {covariance.tolist()}; give 5 x 5 finite numbers")
     if np.abs(covariance - covariance.T).max() > 1e-9 * np.abs(covariance).max():

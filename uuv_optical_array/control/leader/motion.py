@@ -216,9 +216,9 @@ def turning(turn: Array, place: Array) -> Array:
 def slopes(pose: Array, heading: Array) -> Array:
     """Return the slopes of a leader's place and heading by a pose of it, ``(5, 5)``."""
     rotation = rotation_matrix(*heading)
-    way = rotation @ pose[:3]
+    x, y, z = rotation @ pose[:3]
+    u, v, _ = rotation[:, 1]  # about which it pitches; level, as it does not roll
     by_pose: Array = np.zeros((5, 5))
     by_pose[:3, :3], by_pose[3:, 3:] = -rotation, -np.eye(2)
-    by_pose[:3, PITCH] = np.cross(rotation[:, 1], way)
-    by_pose[:3, YAW] = np.cross([0.0, 0.0, 1.0], way)
+    by_pose[:3, PITCH], by_pose[:3, YAW] = (v * z, -u * z, u * y - v * x), (-y, x, 0.0)
     return by_pose

@@ -100,7 +100,8 @@ def rotation_matrix(pitch: ArrayLike, yaw: ArrayLike, roll: ArrayLike = 0.0) -> 
     Angles broadcast to ``(...)``; the result has shape ``(..., 3, 3)``. Positive pitch lowers the
     bow, positive yaw turns it to port, positive roll lowers the starboard side.
     """
-    if np.ndim(pitch) == np.ndim(yaw) == np.ndim(roll) == 0:  # four times as fast for one pose
+    if isinstance(pitch, float) and isinstance(yaw, float) and isinstance(roll, float):
+        # For one pose in a tenth of the time.
         return np.array(rotation(pitch, yaw, roll))
     rows = rotation(*(np.asarray(angle, dtype=float) for angle in (pitch, yaw, roll)))
     entries = np.stack(np.broadcast_arrays(*rows[0], *rows[1], *rows[2]), axis=-1)

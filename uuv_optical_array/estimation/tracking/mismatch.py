@@ -23,6 +23,7 @@ from scipy.linalg import block_diag
 from scipy.special import chdtrc
 
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.numerics.linear_algebra import orthonormal
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import MOST_BLOCKS
 from uuv_optical_array.estimation.tracking.change import Changes
@@ -126,8 +127,9 @@ class Alarm:
         residuals, slopes, light, variances = (part[self._chosen] for part in readings[1:])
         white = 1 / np.sqrt(variances)[:, None]
         by_pose, by_constants = np.split(white * slopes, [5], axis=1)
-        basis, root = np.linalg.qr(by_pose)
-        if abs(root.diagonal()).min() <= NEGLIGIBLE * abs(root.diagonal()).max():
+        basis = orthonormal(by_pose)
+        sizes = np.abs((basis.T @ by_pose).diagonal())
+        if sizes.min() <= NEGLIGIBLE * sizes.max():
             return  # too few readings for a pose
         by_gains = white * light[:, None] * self._by_detector
         with_time: Array = np.zeros((len(white), 1))

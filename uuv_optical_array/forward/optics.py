@@ -8,8 +8,6 @@ compiled code it is a number, of one pose.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from numpy import sqrt
-
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import (
     beside,
@@ -19,6 +17,7 @@ from uuv_optical_array.core.numerics.elementwise import (
     law,
     maximum,
     sandwich,
+    sqrt,
     workspace,
     zeros,
 )
@@ -136,7 +135,8 @@ def trace(optics: Optics, lamp: Any, nuisances: Any, rays: Any) -> None:
     """Write the `light.ray` from the lamp (six components) to each detector, ``(14, ..., n)``."""
     lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp
     axis = axis_x, axis_y, axis_z
-    detectors, flatter, scale = optics.detectors, optics.radius_at >= 0, 1.0
+    detectors, radius_m = optics.detectors, optics.radius_m
+    flatter, scale = optics.radius_at >= 0, 1.0
     if flatter:
         scale = exp(nuisances[optics.radius_at])
     # Of more rows in one loop the compiler makes no vectors.
@@ -146,7 +146,7 @@ def trace(optics: Optics, lamp: Any, nuisances: Any, rays: Any) -> None:
         if flatter:
             # The detectors keep their places across the array, so a larger sphere is flatter.
             depth = sqrt(maximum(scale * scale - 1 + normal_x * normal_x, LEAST_DEPTH))
-            x = x + optics.radius_m * (depth - normal_x)
+            x = x + radius_m * (depth - normal_x)
             normal_x, normal_y, normal_z = depth / scale, normal_y / scale, normal_z / scale
         rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j] = lamp_x - x, lamp_y - y, lamp_z - z
         rays[NORMAL_X, j], rays[NORMAL_Y, j], rays[NORMAL_Z, j] = normal_x, normal_y, normal_z

@@ -175,7 +175,8 @@ def options(function: Callable[..., Any], inner: bool) -> dict[str, Any]:
     given: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FASTMATH}
     given |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": inner}
     if hasattr(function, "inline"):
-        given["forceinline"] = True
+        # A law makes no array, and so counts no references to those that it is given.
+        given |= {"forceinline": True, "_nrt": False}
     return given | importlib.import_module(f"{__package__}.linked_functions").options(inner)
 
 

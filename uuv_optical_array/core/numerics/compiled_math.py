@@ -11,8 +11,18 @@ from typing import Any
 
 import numpy as np
 from numba import njit, types
+from numba.core import cgutils
 from numba.core.registry import cpu_target
-from numba.extending import intrinsic, overload, typeof_impl
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    infer_getattr,
+    intrinsic,
+    lower_getattr_generic,
+    models,
+    overload,
+    register_model,
+    typeof_impl,
+)
 from scipy import special
 
 from uuv_optical_array.core.numerics import compilation, elementwise
@@ -34,6 +44,7 @@ PI_HIGH, PI_LOW = math.pi, 1.2246467991473532e-16  # their sum
 LOG2_HIGH, LOG2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # their sum
 SMALLEST = -708.0  # logarithm of the smallest number that is not subnormal, nearly
 ROUND = 1.5 * 2.0**52  # added to a number it leaves the nearest whole one in the last bits
+LARGE = 8  # members of a tuple, up to which it is still handed over by value
 ASYMPTOTIC = 25.0  # from here a series of the scaled complementary error function is exact
 
 # Optimised by themselves, else a frame takes up to 1.2 times as long.
@@ -49,6 +60,28 @@ def type_of_function(function, _context):
     if compilation.is_source(function):
         return types.Dispatcher(compilation.for_callers(function))
     return None
+
+
+@intrinsic
+def choose(typing, condition, one, other):
+    """As `elementwise.choose`, by one instruction; of a branch the compiler may make no vectors."""
+    kind = typing.unify_types(types.unliteral(one), types.unliteral(other))
+
+    def build(_context, builder, _signature, arguments):
+        return builder.select(*arguments)
+
+    return kind(types.boolean, kind, kind), build
+
+
+@intrinsic
+def square_root(_typing, x):
+    """As `elementwise.sqrt`, by one instruction: of a call the compiler may make no vectors."""
+
+    def build(_context, builder, _signature, arguments):
+        root = builder.module.declare_intrinsic("llvm.sqrt", [arguments[0].type])
+        return builder.call(root, arguments)
+
+    return types.float64(types.float64), build
 
 
 @inlined
@@ -77,7 +110,7 @@ def exponential(x):
     power, rest = power_and_rest(x)
     value = np.float64(polynomial(EXPONENTIAL, rest)).view(np.int64)
     value = np.int64(value + (power << np.int64(52))).view(np.float64)
-    return 0.0 if x < SMALLEST else value
+    return choose(x < SMALLEST, 0.0, value)
 
 
 @inlined
@@ -86,7 +119,7 @@ def exponential_less_one(x):
     power, rest = power_and_rest(x)
     scale = np.int64((power + np.int64(1023)) << np.int64(52)).view(np.float64)
     value = scale * (rest * polynomial(EXPONENTIAL[:-1], rest)) + (scale - 1)
-    return -1.0 if x < SMALLEST else value
+    return choose(x < SMALLEST, -1.0, value)
 
 
 @inlined
@@ -185,40 +218,72 @@ def beside(own, i, image):
             image[row, i * n + j] = own[row, j]
 
 
-@intrinsic
-def borrowed(_typing, value):
-    """As `elementwise.borrowed`: the same arrays, without what counts references to them.
+class Borrowed(types.CPointer):
+    """The address of a named tuple, whose members are taken from there where they are named.
 
-    Each function that is given arrays counts one reference more to each, by atomic instructions:
-    without this a frame takes 1.12 times as long, and compiling 1.10 times.
+    Numba hands over each array of a tuple by nine numbers, and counts references to each in every
+    function that is given them, by atomic instructions: see benchmarks/kernel.py.
     """
 
-    def without(context, builder, kind, value):
-        if isinstance(kind, types.Array):
-            array = context.make_array(kind)(context, builder, value)
-            array.meminfo, array.parent = array.meminfo.type(None), array.parent.type(None)
-            return array._getvalue()
-        if isinstance(kind, types.BaseTuple):
-            parts = [
-                without(context, builder, each, builder.extract_value(value, i))
-                for i, each in enumerate(kind.types)
-            ]
-            return context.make_tuple(builder, kind, parts)
-        return value
+    def member(self, name):
+        """Return place and type of a member; of a large tuple in the tuple its address."""
+        place = self.dtype.fields.index(name)
+        kind = self.dtype.types[place]
+        large = isinstance(kind, types.BaseTuple) and len(kind) > LARGE
+        return place, Borrowed(kind) if large else kind
+
+
+register_model(Borrowed)(models.PointerModel)
+
+
+@infer_getattr
+class _Members(AttributeTemplate):
+    key = Borrowed
+
+    def generic_resolve(self, kind, name):
+        return kind.member(name)[1]
+
+
+@lower_getattr_generic(Borrowed)
+def _member(context, builder, kind, address, name):
+    place, member = kind.member(name)
+    address = cgutils.gep_inbounds(builder, address, 0, place)
+    if isinstance(member, Borrowed):
+        return address
+    return uncounted(context, builder, member, context.unpack_value(builder, member, address))
+
+
+def uncounted(context, builder, kind, value):
+    """Return arrays without what counts references to them."""
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo, array.parent = array.meminfo.type(None), array.parent.type(None)
+        return array._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        for i, each in enumerate(kind.types):
+            part = uncounted(context, builder, each, builder.extract_value(value, i))
+            value = builder.insert_value(value, part, i)
+    return value
+
+
+@intrinsic
+def borrowed(_typing, value):
+    """As `elementwise.borrowed`: the address of the same arrays."""
 
     def build(context, builder, signature, arguments):
-        return without(context, builder, signature.return_type, arguments[0])
+        place = cgutils.alloca_once(builder, context.get_data_type(value))
+        context.pack_value(builder, value, arguments[0], place)
+        return place
 
-    return value(value), build
+    return Borrowed(value)(value), build
 
 
 one_value = inlined(lambda value: value)
-choice = inlined(lambda condition, one, other: one if condition else other)
 INSTEAD: dict[Any, Any] = {
     elementwise.indices: range,
     elementwise.indices_where: inlined(lambda condition, i: range(i, i + (1 if condition else 0))),
-    elementwise.choose: choice,
-    elementwise.choose_tuple: choice,
+    elementwise.choose: choose,
+    elementwise.choose_tuple: inlined(lambda condition, one, other: one if condition else other),
     elementwise.any_of: one_value,
     elementwise.total: one_value,
     elementwise.at_place: inlined(lambda rows, place, i: rows[int(place), i]),
@@ -231,9 +296,10 @@ INSTEAD: dict[Any, Any] = {
     elementwise.beside: beside,
     elementwise.exp: exponential,
     elementwise.expm1: exponential_less_one,
+    elementwise.sqrt: square_root,
     elementwise.sin: sine,
     elementwise.cos: cosine,
     # One instruction each, where those of NumPy take four.
-    elementwise.maximum: inlined(lambda x, low: low if low > x else x),
-    elementwise.minimum: inlined(lambda x, high: high if high < x else x),
+    elementwise.maximum: inlined(lambda x, low: choose(low > x, low, x)),
+    elementwise.minimum: inlined(lambda x, high: choose(high < x, high, x)),
 }

@@ -29,6 +29,11 @@ def exp(x: Any) -> Any:
     return np.exp(x)
 
 
+def sqrt(x: Any) -> Any:
+    """Return what `numpy.sqrt` returns."""
+    return np.sqrt(x)
+
+
 def sin(x: Any) -> Any:
     """Return what `numpy.sin` returns, of up to a hundred turns to 1e-13."""
     return math.sin(x) if finite_number(x) else np.sin(x)

@@ -53,7 +53,9 @@ class _OuterLibrary(codegen.JITCodeLibrary):
             if isinstance(library, _InnerLibrary):
                 for function in library.get_defined_functions():
                     self._final_module.get_function(function.name).linkage = "internal"
-        super()._optimize_final_module()
+        # Numba would do so twice, as it counts references to arrays in between.
+        manager, builder = self._codegen._module_pass_manager()
+        manager.run(self._final_module, builder)
 
 
 def _collect(library: Any, needed: dict[Any, None]) -> None:

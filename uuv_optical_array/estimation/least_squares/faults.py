@@ -101,9 +101,9 @@ def log_faulty(
 
 def write_unlike(guide: Guide, row: int, sight: Array, squares: Array) -> None:
     """Write how unlike an image and that of a pose are, by detectors that the guide has."""
-    squares[:] = 0.0
-    for j in range(len(guide.readings)):
-        off = guide.roots[j, row] - sight[guide.readings[j]]
+    squares[:], readings, roots = 0.0, guide.readings, guide.roots
+    for j in range(len(readings)):
+        off = roots[j, row] - sight[readings[j]]
         squares[j % len(squares)] += off * off
 
 

@@ -161,13 +161,17 @@ def find_minima(
     """
     if len(guide.readings) == len(problem.readings):
         return search(problem, guide, unit, nearest)
-    few = thinned(problem, guide.readings, guide.blur)
-    found, _ = search(few, guide, unit, nearest)
+    found = search_few(thinned(problem, guide.readings, guide.blur), guide, unit, nearest)
     minima = found[:0]
     for state in found:
         if state.cost - found[0].cost < NEGLIGIBLE:
             insert(minima, settle(problem, state.parts[AT]))
     return minima, score_of(problem, minima)
+
+
+def search_few(given: Problem, guide: Guide, unit: Array, nearest: Any) -> list[State]:
+    """Return the minima that `search` finds by readings that the problem alone holds."""
+    return search(borrowed(given), guide, unit, nearest)[0]
 
 
 def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> tuple[list[State], float]:

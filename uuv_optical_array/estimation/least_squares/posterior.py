@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array
-from uuv_optical_array.core.numerics.elementwise import law, zeros
+from uuv_optical_array.core.numerics.elementwise import borrowed, law, zeros
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
@@ -405,11 +405,12 @@ def laplace(state: State) -> PosteriorMoments:
     return PosteriorMoments(log_weight, parts[POSE, :5].copy(), covariance, 0)
 
 
-def integrate(problem: Problem, minimum: State, lattice: Lattice) -> PosteriorMoments:
+def integrate(problem: Problem, minimum: State, given: Lattice) -> PosteriorMoments:
     """Integrate the posterior that is connected with a minimum of the cost, over a lattice.
 
     The weight is -inf where the image leaves no finite posterior.
     """
+    lattice = borrowed(given)
     write_node(problem, minimum, lattice, MINIMUM)
     if not np.isfinite(lattice.logs[0]):
         return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)

@@ -5,10 +5,15 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy import sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
-from uuv_optical_array.core.numerics.elementwise import indices, total, workspace, zeros
+from uuv_optical_array.core.numerics.elementwise import (
+    indices,
+    sqrt,
+    total,
+    workspace,
+    zeros,
+)
 from uuv_optical_array.core.numerics.gauss_newton import (
     FREE,
     GIVE_UP,
@@ -187,9 +192,10 @@ def evaluate(problem: Problem, at: Array) -> State:
     detect(optics, nuisances, image)
     likelihood = workspace(3, at[0], n)
     likelihood_of(problem.readings, image[0], problem.noise, likelihood)
+    weights = problem.weights
     for i in range(3):
         for j in indices(n):
-            likelihood[i, j] *= problem.weights[j]
+            likelihood[i, j] *= weights[j]
     # A vehicle does not stand on its tail, and its body hides a lamp behind its array.
     x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
     possible = abs(pose[PITCH]) < STEEPEST and x > -0.5 * sqrt(x * x + y * y + z * z)
@@ -330,13 +336,14 @@ def misfit(problem: Problem, at: Array) -> float:
     by the square of its offset over its standard deviation.
     """
     light, noise = light_at(problem, at), problem.noise
+    readings, weights = problem.readings, problem.weights
     squares, mean, variance = 0.0, 0.0, 0.0
     for j in indices(len(light)):
         expected = np.minimum(np.maximum(light[j], noise.low), noise.high)
-        off, spread = problem.readings[j] - expected, reading_variance(light[j], noise)
+        off, spread = readings[j] - expected, reading_variance(light[j], noise)
         square, around = residual_moments(light[j], sqrt(spread), noise)
-        squares += total(problem.weights[j] * (off * off / spread))
-        mean += total(problem.weights[j] * square)
-        variance += total(problem.weights[j] * around)
+        squares += total(weights[j] * (off * off / spread))
+        mean += total(weights[j] * square)
+        variance += total(weights[j] * around)
     squares += 2 * nuisance_cost(problem.nuisance_mean, problem.nuisance_precision, at)
     return chi_square_score(squares, mean, variance)

@@ -129,8 +129,9 @@ def direction(readings: Array, guide: Guide) -> Array:
     # Worked out also where the caller has it: that is less than to hand it down.
     count, parameters = guide.side * guide.side, np.empty((5, 1))
     column = np.zeros((count, 1))  # the images of all lamps together
-    for i in range(len(guide.readings)):
-        column[i % count, 0] += readings[guide.readings[i]]
+    kept = guide.readings
+    for i in range(len(kept)):
+        column[i % count, 0] += readings[kept[i]]
     write_parameters(column, guide.side, guide.full_scale_counts, guide.subdetector, parameters)
     unit = guide.weights.copy()
     for i in range(5):

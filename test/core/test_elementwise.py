@@ -166,12 +166,12 @@ def test_without_numba_asking_for_it_is_refused_with_the_cure_and_numpy_goes_on(
     code = (
         "import sys; sys.modules['numba'] = None\n"
         "from uuv_optical_array.core.numerics import compilation\n"
-        "from uuv_optical_array.estimation.information.linearised import Lineariser\n"
+        "from uuv_optical_array.estimation.information.linearised import Lineariser, write_linear\n"
         "from uuv_optical_array.forward.model import ForwardModel\n"
         "from uuv_optical_array.forward.scene import load_scene\n"
         "model = ForwardModel(load_scene('reference'))\n"
         "print(compilation.installed(), model.light([-4.0, 0, 0, 0, 0]).max())\n"
-        "Lineariser(model, (), compiled=True)\n"
+        "Lineariser(model, (), compilation.compiled(write_linear))\n"
     )
     run = python(code)
     installed, light = run.stdout.split()

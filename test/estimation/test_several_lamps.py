@@ -13,7 +13,8 @@ from uuv_optical_array.core.geometry import rolled, turned_about_beam
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOWHERE, ONE_STEP
+from uuv_optical_array.estimation.information.linearised import write_linear
+from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOTHING, NOWHERE, ONE_STEP
 from uuv_optical_array.estimation.least_squares.image_fit import CLEAR, ImageFit, pose_prior
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
 from uuv_optical_array.estimation.least_squares.problem import light_at, start_at
@@ -199,13 +200,13 @@ POSE = np.array([-5.5, 0.3, -0.2, 0.1, -0.15])
 def clear_fit(estimator):
     """Return what fits a clear frame, problem and way, from the true pose, beside its kind."""
     kinds, guide = kinds_of(MODEL), guide_from(guide_to(MODEL), POSE)
-    names, compiled = estimator.constants.names, compilation.installed()
+    names = estimator.constants.names
     precision = np.diag(1 / np.square(pose_prior(SCENE)[1]))
-    linear = LinearModel(MODEL, kinds, names, precision, compiled)
+    linear = LinearModel(MODEL, kinds, names, precision, write_linear)
     frame = frame_of(kinds[0].problem, guide)
 
     def fitted(problem, way=BELIEVED, place=NOWHERE):
-        found = frame(problem, guide, way, place)
+        found = frame(problem, guide, way, place, NOTHING)
         return found if way == ONE_STEP else linear.about(kinds[0], problem, found)[0]
 
     return kinds[0], fitted

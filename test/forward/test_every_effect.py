@@ -13,7 +13,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from needs import numba
 
-from uuv_optical_array.estimation.information.linearised import Lineariser
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.estimation.information.linearised import Lineariser, write_linear
 from uuv_optical_array.forward.effects import EFFECTS, MOVING
 from uuv_optical_array.forward.light import COSINE
 from uuv_optical_array.forward.model import ForwardModel
@@ -146,7 +147,8 @@ def test_compiled_light_and_slopes_are_those_of_numpy(name, data):
     offsets = offsets_for(data, model)
     at = np.array([*data.draw(poses), *offsets.values()])
     roll, dark = data.draw(rolls), np.zeros(model.image_shape).ravel()
-    ways = (Lineariser(model, tuple(offsets), compiled) for compiled in (False, True))
+    writing = write_linear, compilation.compiled(write_linear)
+    ways = (Lineariser(model, tuple(offsets), write) for write in writing)
     plain, found = (linearise(dark, at, roll) for linearise in ways)
     for ours, theirs in (
         (found.light, plain.light),

@@ -7,6 +7,7 @@ from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import EstimatorSettings
 from uuv_optical_array.estimation.least_squares.frame import (
     BELIEVED,
+    NOTHING,
     NOWHERE,
     estimate_frame,
 )
@@ -37,7 +38,7 @@ def frame_of(problem, guide):
     """Return what fits frames like these, compiled where it can be."""
     if not compilation.installed():
         return estimate_frame
-    return compilation.prepare(estimate_frame, problem, guide, BELIEVED, NOWHERE)
+    return compilation.prepare(estimate_frame, problem, guide, BELIEVED, NOWHERE, NOTHING)
 
 
 def fit_of(estimator):

@@ -5,7 +5,12 @@ import pytest
 from fits import CountedProblem, guide_to, kinds_of
 from scenes import changed
 
-from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOWHERE, estimate_frame
+from uuv_optical_array.estimation.least_squares.frame import (
+    BELIEVED,
+    NOTHING,
+    NOWHERE,
+    estimate_frame,
+)
 from uuv_optical_array.estimation.least_squares.image_fit import Image
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
@@ -99,7 +104,7 @@ def test_a_fit_of_a_large_array_ends_where_all_of_its_readings_have_their_minimu
     sea = {name: std * rng.standard_normal() for name, std in stds.items()}
     image = Image(model.expose(POSE, rng, offsets=sea).ravel(), 0.0)
     problem = image.problem(kinds_of(model)[0])
-    found = estimate_frame(problem, guide, BELIEVED, NOWHERE).best
+    found = estimate_frame(problem, guide, BELIEVED, NOWHERE, NOTHING).best
     best = evaluate(problem, np.append(start_at(problem, found[:5])[:5], found[5:]))
     pull, information = best.parts[GRADIENT], best.parts[INFORMATION:]
     assert pull @ np.linalg.solve(information, pull) < 0.1  # in squared standard deviations

@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
+from uuv_optical_array.estimation.information.linearised import (
+    LinearisedReadings,
+    Lineariser,
+    write_linear,
+)
 from uuv_optical_array.estimation.tracking.correction import BROAD_SHARE
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -31,7 +35,8 @@ MODEL = ForwardModel(
 @functools.cache
 def linearise():
     """Make the lineariser, compiled where it can be, when a test runs."""
-    return Lineariser(MODEL, NAMES, compilation.installed())
+    write = compilation.compiled(write_linear) if compilation.installed() else write_linear
+    return Lineariser(MODEL, NAMES, write)
 
 
 def sweep(rng):

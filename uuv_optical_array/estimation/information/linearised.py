@@ -15,7 +15,6 @@ from uuv_optical_array.core.geometry import (
     turned_with_beam,
     write_lamp_slopes,
 )
-from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import borrowed, zeros
 from uuv_optical_array.core.numerics.linear_algebra import solve
 from uuv_optical_array.estimation.information.likelihood import likelihood_of
@@ -69,23 +68,20 @@ class Lineariser:
     """Linearises the likelihood of images of one scene.
 
     - constants: dotted names of the unknown settings, of `ForwardModel.nuisances`.
-    - compiled: whether Numba compiles it.
+    - write: `write_linear`, as it stands or compiled.
     """
 
     def __init__(
-        self, model: ForwardModel, constants: Sequence[str], compiled: bool = False
+        self,
+        model: ForwardModel,
+        constants: Sequence[str],
+        write: Callable[..., None] | None = None,
     ) -> None:
         self._size = 5 + len(constants)
         self._roll = 5 + constants.index(ROLL) if ROLL in constants else None
         self._optics = model.optics(constants)
         self._noise = model.own_noise
-        self._write: Callable[..., None] = write_linear
-        if compiled:
-            count = math.prod(model.image_shape)
-            image, likelihood = np.empty((1 + self._size, count)), np.empty((3, count))
-            given = self._optics, self._noise, np.zeros(count), np.zeros(self._size), 0.0
-            ready = compilation.prepare(write_linear, *given, image, likelihood)
-            self._write = compilation.entry(ready, *given, image, likelihood)
+        self._write = write or write_linear
 
     @np.errstate(under="ignore")  # of light too dim for a float64
     def __call__(self, readings: ArrayLike, at: ArrayLike, roll: float = 0.0) -> LinearisedReadings:
@@ -95,17 +91,16 @@ class Lineariser:
         """
         readings = np.array(readings, dtype=float).reshape(-1)
         place = np.array(at, dtype=float)
-        image = np.empty((1 + self._size, len(readings)))
-        likelihood = np.empty((3, len(readings)))
+        linear = np.empty((1 + self._size + 3, len(readings)))
         at, r = place.copy(), self._roll
         if r is not None:
             roll, at[r] = roll + at[r], 0.0
-        self._write(self._optics, self._noise, readings, at, float(roll), image, likelihood)
+        self._write(self._optics, self._noise, readings, at, float(roll), linear)
+        image, (_, score, curvature) = linear[:-3], linear[-3:]
         if r is not None:
             # A turn about the beam is one of the roll, after which the pose is turned back.
             image[1 + r] -= turned_with_beam(at[:5]) @ image[1:6]
             image[1 + r] *= math.cos(at[PITCH]) / math.cos(at[YAW])
-        _, score, curvature = likelihood
         says = curvature > LEAST_CURVATURE
         variances = np.divide(1.0, curvature, out=np.full(len(says), np.inf), where=says)
         residuals = np.divide(score, curvature, out=np.zeros(len(says)), where=says)
@@ -114,18 +109,12 @@ class Lineariser:
 
 
 def write_linear(
-    given: Optics,
-    noise: ReadingNoise,
-    readings: Any,
-    at: Any,
-    roll: float,
-    image: Any,
-    likelihood: Any,
+    given: Optics, noise: ReadingNoise, readings: Any, at: Any, roll: float, linear: Any
 ) -> None:
-    """Write light and likelihood at a place, by the optics that are given."""
-    optics, nuisances = borrowed(given), at[5:]
+    """Write light and slopes, and the three rows of `likelihood_of`, at pose and constants."""
+    optics, image, nuisances = borrowed(given), linear[:-3], at[5:]
     lamp, slopes = lamp_in_body(at, roll), zeros(6, 5, at[0])
     write_lamp_slopes(at, roll, lamp, slopes)
     write_light(optics, lamp, slopes, (at[PITCH], at[YAW], roll), nuisances, image)
     detect(optics, nuisances, image)
-    likelihood_of(readings, image[0], noise, likelihood)
+    likelihood_of(readings, image[0], noise, linear[-3:])

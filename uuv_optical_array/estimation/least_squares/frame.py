@@ -12,6 +12,7 @@ from uuv_optical_array.core.geometry import PITCH, YAW, Array
 from uuv_optical_array.core.numerics.elementwise import borrowed
 from uuv_optical_array.core.numerics.gauss_newton import first_damping
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
+from uuv_optical_array.estimation.information.linearised import write_linear
 from uuv_optical_array.estimation.least_squares.faults import disbelieve
 from uuv_optical_array.estimation.least_squares.posterior import (
     PosteriorMoments,
@@ -64,9 +65,10 @@ FOLLOWED = 16
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
 # How a frame is estimated: from the guide's starts, all readings believed or each as it deserves;
-# or by one linear step.
-BELIEVED, DOUBTED, ONE_STEP = range(3)
+# or by one linear step; or only linearised.
+BELIEVED, DOUBTED, ONE_STEP, LINEARISED = range(4)
 NOWHERE: Array = np.empty(0)
+NOTHING: Array = np.empty((0, 0))
 
 
 class FrameResult(NamedTuple):
@@ -259,22 +261,29 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
     return wider
 
 
-def estimate_frame(given: Problem, to_start: Guide, way: int, place: Array) -> FrameResult:
-    """Estimate the pose of one image.
+def estimate_frame(
+    given: Problem, to_start: Guide, way: int, place: Array, linear: Array
+) -> FrameResult | None:
+    """Estimate the pose of one image, or linearise it: together they are compiled in less time.
 
     - given: the posterior of the image.
     - to_start: where to start.
     - way: `BELIEVED`; `DOUBTED`: readings may be anything, and those of the problem, and weights,
-      are written; `ONE_STEP`: what one linear step from a place leads to, by its Gaussian.
-    - place: coordinates and nuisances, shape ``(p,)``, or `NOWHERE`.
+      are written; `ONE_STEP`: what one linear step from a place leads to, by its Gaussian;
+      `LINEARISED`: nothing, but `write_linear` writes.
+    - place: coordinates and nuisances, or pose and nuisances, shape ``(p,)``, or `NOWHERE`.
+    - linear: what is written, shape ``(4 + p, n)``, or `NOTHING`.
     """
     problem, guide = borrowed(given), borrowed(to_start)
+    if way == LINEARISED:
+        write_linear(problem.optics, problem.noise, problem.readings, place, problem.roll, linear)
+        return None
     if way == ONE_STEP:
         return one_step(problem, place, given.weights)
     unknown = np.full((5, 5 + len(problem.nuisance_mean)), np.nan)
     nothing, covariance, at = unknown[0, :5].copy(), unknown[:, :5].copy(), unknown[0].copy()
     coordinates: Any = nothing
-    outcome, pose, evidence, linear, log_faulty = NO_START, nothing, -np.inf, -np.inf, 0.0
+    outcome, pose, evidence, by_laplace, log_faulty = NO_START, nothing, -np.inf, -np.inf, 0.0
     runner_up, runner_up_score, wider = nothing, np.nan, False
     there: Any = at
     if way == DOUBTED:
@@ -295,7 +304,7 @@ def estimate_frame(given: Problem, to_start: Guide, way: int, place: Array) -> F
         if score <= guide.max_score:
             outcome = FITTED
             moments, density = laplace(minima[0]), log_density(problem.nuisance_precision)
-            linear = moments.log_weight + density
+            by_laplace = moments.log_weight + density
             if not guide.gaussian:
                 moments = posterior_about(problem, minima)
             pose, evidence = moments.mean, moments.log_weight + density + log_faulty
@@ -317,7 +326,7 @@ def estimate_frame(given: Problem, to_start: Guide, way: int, place: Array) -> F
         second_angle,
         at,
         evidence,
-        linear,
+        by_laplace,
         coordinates,
         given.weights,
         wider,

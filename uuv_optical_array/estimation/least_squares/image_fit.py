@@ -7,7 +7,7 @@ likely by then, and without faulty detectors; what fits is weighed by its eviden
 import math
 from collections.abc import Callable
 from itertools import compress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc, ndtr, ndtri
@@ -24,14 +24,19 @@ from uuv_optical_array.core.geometry import (
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.linear_algebra import solve
 from uuv_optical_array.estimation.estimate import Estimate
-from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
+from uuv_optical_array.estimation.information.linearised import (
+    LinearisedReadings,
+    Lineariser,
+)
 from uuv_optical_array.estimation.least_squares.faults import most_faulty
 from uuv_optical_array.estimation.least_squares.frame import (
     BELIEVED,
     DOUBTED,
     FITTED,
+    LINEARISED,
     MISFIT,
     NO_START,
+    NOTHING,
     NOWHERE,
     ONE_STEP,
     FrameResult,
@@ -51,6 +56,7 @@ from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import Optics, ReadingNoise
 from uuv_optical_array.forward.scene import Scene
 
 # The pose's prior is Gaussian about the middle of the table, this many half extents wide: too
@@ -166,20 +172,30 @@ class ImageFit:
         """
         model, constants = self._model, self._constants
         kinds = frame_kinds(model, *self._pose_prior)
-        lineariser = Lineariser(model, constants.names, compiled)
-        linear = None
-        if model.scene.lamps:
-            linear = LinearModel(model, kinds, constants.names, self._pose_precision, compiled)
-        frame: Callable[..., FrameResult] = estimate_frame
+        frame: Callable[..., Any] = estimate_frame
         if compiled:
             features.prepare(model.array.side)
             joint_coordinates.prepare(constants)
-            example = self.guide, BELIEVED, NOWHERE
+            example = self.guide, BELIEVED, NOWHERE, NOTHING
             ready = compilation.prepare(estimate_frame, kinds[0].problem, *example)
             for kind in kinds:  # all are of the same types
                 frame = compilation.entry(ready, kind.problem, *example)
+        lineariser, linear = Lineariser(model, constants.names, self._write_linear), None
+        if model.scene.lamps:
+            writing = self._pose_precision, self._write_linear
+            linear = LinearModel(model, kinds, constants.names, *writing)
         self._kinds, self._linearise, self._frame, self._linear = kinds, lineariser, frame, linear
         self.compiled = compiled
+
+    def _write_linear(
+        self, optics: Optics, noise: ReadingNoise, readings: Array, *place_and_result: Any
+    ) -> None:
+        """Do what `write_linear` does by what fits an image."""
+        at, roll, linear = place_and_result
+        problem = self._kinds[0].problem._replace(
+            optics=optics, noise=noise, readings=readings, roll=roll
+        )
+        self._frame(problem, self.guide, LINEARISED, at, linear)
 
     @np.errstate(all="ignore")  # of light too dim and places too far for a float64
     def __call__(
@@ -235,7 +251,7 @@ class ImageFit:
     def _hypothesis(
         self, kind: FrameKind, problem: Problem, guide: Guide, way: int = BELIEVED
     ) -> Hypothesis:
-        frame, near = self._frame(problem, guide, way, NOWHERE), None
+        frame, near = self._frame(problem, guide, way, NOWHERE, NOTHING), None
         if self._linear:
             frame, near = self._linear.about(kind, problem, frame)
         if kind.doubt != 1:
@@ -254,7 +270,7 @@ class ImageFit:
         """
         problem, at = image.problem(kind), np.zeros(5 + len(kind.names))
         at[:5], at[5 + kind.shared] = clear.frame.coordinates, clear.frame.best[5:]
-        near = self._frame(problem, self.guide, ONE_STEP, at)
+        near = self._frame(problem, self.guide, ONE_STEP, at, NOTHING)
         log_odds = math.log(kind.share / clear.kind.share)
         log_odds += near.log_evidence - clear.frame.linear_log_evidence
         if not log_odds > LOG_CONSIDERED:

@@ -4,7 +4,7 @@ By several lamps the posterior is nearly Gaussian. So one linearisation gives it
 pose and roll together.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.linalg.lapack import dposv
@@ -28,6 +28,7 @@ class LinearModel:
 
     - constants: their names.
     - pose_precision: inverse covariance of the pose's prior.
+    - write: as of `Lineariser`.
     """
 
     def __init__(
@@ -36,10 +37,10 @@ class LinearModel:
         kinds: Sequence[FrameKind],
         constants: Sequence[str],
         pose_precision: Array,
-        compiled: bool,
+        write: Callable[..., None],
     ) -> None:
         names = list(dict.fromkeys([*constants, *(name for kind in kinds for name in kind.names)]))
-        self._linearise = Lineariser(model, names, compiled)
+        self._linearise = Lineariser(model, names, write)
         self._size, self._roll = 5 + len(names), 5 + names.index(ROLL) if ROLL in names else None
         self._pose_precision = pose_precision
         # Of each kind, by its unknowns, where pose and unknowns are among all, and pose and roll

@@ -292,6 +292,104 @@ def test_a_lamp_is_held_apart_where_one_went_out_and_until_another_is_lit(left, 
         assert DOUBT in pursuit.following.state.reason
 
 
+def beside(seconds=6.0, peak=10.0):
+    """Return a pursuit whose lamp went out `seconds` ago, 1.5 m beside another, which is dimmer."""
+    pursuit = Pursuit(search=replace(SHORT, search_time_s=30.0))
+    pursuit.peak = 100.0
+    pursuit.run(LIT_S)
+    pursuit.peak, pursuit.aside = peak, np.array([0.0, 1.5, 0.0])
+    return pursuit.run(seconds)
+
+
+@pytest.mark.parametrize(("after_s", "apart"), [(1.5, True), (2.5, False)])
+def test_what_a_lamp_left_is_told_from_the_leader_by_where_that_is_expected(after_s, apart):
+    """Poses come again so long after; hard acceleration would have taken the leader there."""
+    pursuit = Pursuit()
+    pursuit.peak, pursuit.std_m = 100.0, 0.03
+    pursuit.run(LIT_S)
+    pursuit.peak, pursuit.light, pursuit.aside = 10.0, False, np.array([0.0, 1.5, 0.0])
+    pursuit.run(after_s)
+    pursuit.light = True
+    pursuit.step()
+    assert apart == ("another lamp" in str(pursuit.refused))
+
+
+def test_a_lamp_that_dims_at_once_looks_farther_off_and_is_no_other():
+    pursuit = Pursuit()
+    pursuit.peak = 100.0
+    pursuit.run(LIT_S)
+    pursuit.peak, pursuit.aside = 50.0, np.array([0.5, 0.0, 0.0])
+    for _ in range(30):
+        pursuit.step()
+        assert pursuit.refused is None
+    assert pursuit.state == "locked"
+
+
+def test_while_the_track_takes_up_what_is_left_it_tells_nothing_of_the_leader():
+    """It comes over to the other lamp little by little, as if the leader went there."""
+    pursuit = Pursuit()
+    pursuit.peak = 100.0
+    pursuit.run(LIT_S)
+    pursuit.peak = 10.0
+    for tick in range(15):
+        pursuit.aside = np.array([0.0, 0.1 * (tick + 1), 0.0])
+        pursuit.step()
+    assert "another lamp" in str(pursuit.refused)
+
+
+def test_without_light_of_its_own_it_goes_on_beside_a_lamp_in_company():
+    """That turns with the leader from when its light is gone."""
+    pursuit = beside(0.5)
+    pursuit.turn = 0.05
+    alone, _ = dark()
+    alone.turn = 0.05
+    pursuit.until("coasting").run(2.5)
+    alone.until("coasting").run(2.5)
+    assert pursuit.state == alone.state == "coasting"
+    assert pursuit.off_station() < alone.off_station() / 2
+
+
+def test_another_lamp_is_known_again_after_a_time_in_which_nothing_was_seen():
+    pursuit = beside(3.0)
+    assert "another lamp" in str(pursuit.refused)
+    pursuit.light, pursuit.peak = False, None
+    pursuit.turn = 0.0
+    pursuit.run(SHORT.coast_s + 4.0)
+    assert pursuit.state == "searching"
+    pursuit.light, pursuit.peak = True, 10.0
+    pursuit.step()
+    assert "another lamp" in str(pursuit.refused)
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.2, True), (0.3, False)])
+def test_beside_a_second_lamp_that_is_lit_only_poses_of_ours_steer(share, found):
+    """The light of both is of a place between them."""
+    pursuit = beside()
+    assert pursuit.state == "searching"
+    pursuit.peak, pursuit.aside = 100.0, np.array([0.0, share * 1.5, 0.0])
+    pursuit.step()
+    if not found:
+        assert pursuit.state == "coasting"
+        assert "a second lamp was lit" in pursuit.following.state.reason
+        assert isinstance(pursuit.refused, Outlier)
+        pursuit.run(2.0)
+        assert pursuit.state == "coasting"
+        pursuit.aside = np.zeros(3)
+    pursuit.until("locked").run(10)
+    assert DOUBT in pursuit.following.state.reason
+    assert pursuit.states.count("searching") == 1
+
+
+def test_a_second_lamp_engages_nobody_whose_search_has_ended():
+    pursuit = Pursuit(search=replace(SHORT, search_time_s=2.0, when_lost="disengage"))
+    pursuit.peak = 100.0
+    pursuit.run(LIT_S)
+    pursuit.peak, pursuit.aside = 10.0, np.array([0.0, 1.5, 0.0])
+    pursuit.until("disengaged")
+    pursuit.peak = 100.0
+    assert pursuit.run(1.0).state == "disengaged"
+
+
 def test_a_leader_that_backs_up_hard_in_the_light_is_followed_all_the_way():
     """Brakes from 0.5 m/s and goes astern at 1 m/s within a second: no jump, and no other lamp."""
     pursuit = Pursuit().run(LIT_S)

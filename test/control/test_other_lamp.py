@@ -99,3 +99,61 @@ def test_a_pose_is_of_the_lamp_that_explains_it_better_while_that_is_alone():
     other.motion.covariance /= 1e4
     other.alone = False
     assert not other.has(beside, SURE, [leader])
+
+
+def company(leader, other, follower):
+    """Return a leader and another lamp beside it, both seen well."""
+    motion = LeaderMotion(0.0, seen(follower, leader), SURE)
+    lamp = OtherLamp(0.0, seen(follower, other), SURE, motion)
+    return motion, lamp
+
+
+def test_a_leader_in_company_has_the_speed_and_the_turn_of_one_body():
+    follower = np.array([-4.5, 0.0, 0.0, 0.0, 0.2])
+    motion, lamp = company(np.array([0, 0, 0, 0, 0.2]), np.array([0.3, 1.5, 0.2, 0, 0.5]), follower)
+    motion.covariance *= 1e6
+    lamp.motion.speed, lamp.motion.turn = np.array([0.5, 0.1, 0.0]), np.array([0.0, 0.3])
+    before, _ = lamp.beside(motion.own)
+    assert lamp.lead(motion)
+    np.testing.assert_allclose(motion.place, before, atol=1e-9)
+    # The way of a place of that body, by moving the lamp a little.
+    step_s = 1e-4
+    lamp.motion.advance(step_s, np.zeros(5))
+    after, heading = lamp.beside(motion.own)
+    by_way = motion.rotation.T @ (after - before) / step_s
+    np.testing.assert_allclose(motion.speed, by_way, atol=1e-3)
+    np.testing.assert_allclose(motion.turn, (heading - motion.heading) / step_s, atol=1e-3)
+
+
+def test_a_leader_that_cannot_be_beside_the_other_lamp_goes_its_own_way():
+    follower = np.array([-4.5, 0.0, 0.0, 0.0, 0.0])
+    motion, lamp = company(np.zeros(5), np.array([0.0, 1.5, 0.0, 0.0, 0.0]), follower)
+    lamp.motion = LeaderMotion(0.0, seen(follower, np.array([2.0, 1.5, 0.0, 0.0, 0.0])), SURE)
+    motion.speed = np.array([0.5, 0.0, 0.0])
+    assert not lamp.lead(motion)
+    np.testing.assert_array_equal(motion.speed, [0.5, 0.0, 0.0])
+    np.testing.assert_allclose(motion.place, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("share", [-0.5, 0.0, 0.25, 1.0])
+def test_a_pose_between_two_lamps_is_that_much_of_the_other(share):
+    follower = np.array([-4.5, 0.4, 0.1, 0.0, 0.1])
+    leader, other = np.array([0.2, 0.1, 0.0, 0.0, 0.2]), np.array([0.8, 1.3, -0.4, 0.0, 0.1])
+    motion, lamp = company(leader, other, follower)
+    across = 0.3 * np.cross(other[:3] - leader[:3], [0.0, 0.0, 1.0])  # changes nothing
+    between = leader.copy()
+    between[:3] += share * (other - leader)[:3] + across
+    assert lamp.share(seen(follower, between), motion) == pytest.approx(share, abs=1e-9)
+
+
+def test_a_dim_pose_is_the_other_lamps_and_tells_nothing_of_its_motion():
+    follower = np.array([-4.5, 0.0, 0.0, 0.0, 0.0])
+    motion, lamp = company(np.zeros(5), np.array([0.0, 1.5, 0.0, 0.0, 0.0]), follower)
+    lamp.motion.advance(1.0, np.zeros(5))
+    place = lamp.motion.place.copy()
+    pose = seen(follower, np.array([0.4, 1.5, 0.0, 0.0, 0.0]))
+    lamp.motion.covariance += np.eye(10)
+    assert lamp.has(pose, np.diag([1.1, 0.1, 0.1, 0.1, 0.1]), [motion])
+    np.testing.assert_array_equal(lamp.motion.place, place)
+    assert lamp.has(pose, np.diag([0.1, 0.1, 0.1, 0.1, 0.1]), [motion])
+    assert np.linalg.norm(lamp.motion.place - place) > 0.1

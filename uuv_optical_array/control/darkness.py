@@ -138,6 +138,12 @@ class Darkness:
         self.age_s += step_s
         self._belief.advance(step_s, self.own)
 
+    def resume(self, covariance: Array) -> None:
+        """Take the leader for seen, as well as a covariance tells, ``(10, 10)``."""
+        self.motion.covariance = covariance.copy()
+        self.motion.unseen_s = 0.0
+        self._note_seen()
+
     def look(self, glow: Glow | None, coasting: bool) -> None:
         """Take where an image is brightest; one that coasts takes that for its leader."""
         self._glow = glow

@@ -20,9 +20,12 @@ and dim images, may be false. Where the leader is not sure to be there, poses ha
 ``settle_s`` and know their range before they steer; until then each guides the search.
 
 An equal lamp beside the leader's, which goes out, is not followed but held apart (`other_lamp`):
-light falls at once, and what is left is where the leader cannot have got. Where light grows at once
-by a second lamp the poses are of neither, and what is found then is said to be doubtful. That of
-two lamps that merge and part again is refused until the leader may be there.
+light falls at once, and what is left is not where the leader is expected. While the track takes
+that up, what it says changes nothing of what is known of the leader. In the dark the leader is
+taken to go on beside that lamp, for as long as it may. Where light grows at once a second lamp is
+lit; then the follower goes on to where the leader would be, by none of the poses between the two,
+and what is found is said to be doubtful. That of two lamps that merge and part again is refused
+until the leader may be there.
 """
 
 import math
@@ -33,11 +36,11 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.control.darkness import DOUBT, Darkness, SearchSettings, Seen
+from uuv_optical_array.control.darkness import DOUBT, LIKELY, Darkness, SearchSettings, Seen
 from uuv_optical_array.control.formation import FormationController, nanoseconds
 from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.leader.motion import Glow, LeaderMotion
-from uuv_optical_array.control.leader.other_lamp import OtherLamp, goes_on
+from uuv_optical_array.control.leader.other_lamp import OURS, OtherLamp, goes_on
 from uuv_optical_array.control.leader.told_motion import Message
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
@@ -90,6 +93,7 @@ class Following:
         self._others = False  # whether there was one
         self._peaks: deque[float] = deque(maxlen=LIT_IMAGES)
         self._out_s = -math.inf  # when a lamp went out last
+        self._left = False  # whether it left light, by which the follower steered
         self._began_s = math.nan  # when the first image came
         self._twist: Array = np.zeros(5)  # commanded last
         self._measured: tuple[float, Array] | None = None
@@ -128,16 +132,26 @@ class Following:
         peaks = self._peaks
         if glow is None:
             peaks.clear()
-            self._out_s = stamp_s
+            self._out_s, self._left = stamp_s, False
             return
-        if peaks and glow.peak > LIT * max(peaks) and self._other is not None:
-            self._other.alone = False
+        if peaks and glow.peak > LIT * max(peaks):
+            self._light_again(stamp_s)
         if peaks and LIT * glow.peak < min(peaks):
-            self._out_s = stamp_s
+            self._out_s, self._left = stamp_s, self._dark is None
             if self.state.name == "locked" and DOUBT not in self.state.reason:
                 reason = f"{self.state.reason}; light fell at once, so {DOUBT}"
                 self.state = self.state._replace(reason=reason)
         peaks.append(glow.peak)
+
+    def _light_again(self, stamp_s: float) -> None:
+        """Go on beside another lamp in sight, where the leader's seems to be lit again."""
+        other, dark = self._other, self._dark
+        if other is None or not other.alone or self.state.name == "disengaged":
+            return
+        other.alone = False
+        if dark is not None and other.motion.unseen_s < LEFT_S and other.lead(dark.motion):
+            dark.resume(other.motion.covariance)
+            self._to("coasting", stamp_s, "a second lamp was lit; the leader may be beside it")
 
     def moved(self, stamp_s: float, linear: ArrayLike, angular: ArrayLike) -> None:
         """Take the follower's measured velocity, m/s and rad/s, ``(3,)`` each, in its frame.
@@ -223,7 +237,7 @@ class Following:
             return
         expected, since_s = pose - self._law.off(stamp_s, pose), stamp_s - last.stamp_ns * 1e-9
         reached = goes_on(expected, pose, covariance, since_s)
-        if self._other is not None or not reached:
+        if self._other is not None or not reached or self._takes_up(stamp_s):
             self._hold_apart(stamp_s, pose, covariance, self._seen.motion, reached)
 
     def _hold_apart(
@@ -233,19 +247,29 @@ class Following:
         leaders = [leader, *([self._seen.motion] if self._seen else [])]  # a light that settles
         for motion in (*leaders, *([self._other.motion] if self._other else [])):
             motion.advance(stamp_s, self._own_twist(stamp_s))
-        if self._other is not None and self._other.motion.unseen_s > self._search.coast_s:
-            self._other = None
-        if self._other is None and not reached and 0 <= stamp_s - self._out_s <= LEFT_S:
-            self._other = OtherLamp(stamp_s, pose, covariance, leader)
+        other = self._other
+        if other is None or not other.has(pose, covariance, leaders):
+            two = other if self.state.name == "coasting" else None
+            if two is not None and not two.alone and two.share(pose, leader) > OURS:
+                self._glow = None
+                raise leader.outlier(pose)
+            ours = leader.in_line(pose, covariance, LIKELY) if self._left else reached
+            if ours or not 0 <= stamp_s - self._out_s <= LEFT_S:
+                if not reached:  # as where two lights part
+                    leader.check(pose, covariance)
+                return
+            other = self._other = OtherLamp(stamp_s, pose, covariance, leader)
             self._others = True
-        elif self._other is None or not self._other.has(pose, covariance, leaders):
-            if not reached:  # as where two lights part
-                leader.check(pose, covariance)
-            return
         self._glow = None  # it is that lamp's
-        if self.state.name == "searching" and self._dark is not None:
-            self._dark.accompany(self._other)
+        if self._dark is not None:
+            other.lead(self._dark.motion)
+            if self.state.name == "searching":
+                self._dark.accompany(other)
         raise leader.outlier(pose)
+
+    def _takes_up(self, stamp_s: float) -> bool:
+        """Say whether the track may still be taking up the light that a lamp left."""
+        return self._left and 0 <= stamp_s - self._out_s <= LEFT_S
 
     def _note_seen(self, stamp_s: float, pose: Array, covariance: Array) -> None:
         """Let a pose tell of the leader's motion, and of how bright its lamp is.
@@ -257,7 +281,8 @@ class Following:
         if motion is not None:
             motion.advance(stamp_s, self._own_twist(stamp_s))
         if motion is not None and motion.expects(pose, covariance):
-            motion.see(pose, covariance)
+            if not self._takes_up(stamp_s):
+                motion.see(pose, covariance)
         else:
             motion = LeaderMotion(stamp_s, pose, covariance)
             self._settling.clear()
@@ -284,6 +309,8 @@ class Following:
         """
         if self.state.name == "disengaged":
             return None
+        if self._other is not None:
+            self._other.motion.advance(now_s, self._own_twist(now_s))
         if self._dark is None:
             if self.state.name == "waiting":
                 self._begin_search(now_s)

@@ -126,6 +126,12 @@ class LeaderMotion:
         spread = (spread + self.covariance[:5, :5])[:3, :3]
         return float(off[:3] @ np.linalg.solve(spread, off[:3])) <= chdtri(3, chance)
 
+    def in_line(self, pose: Array, covariance: Array, chance: float) -> bool:
+        """Say whether it `expects` a pose whose range may be any, as that of a lamp that dims."""
+        spread = covariance.copy()
+        spread[:3, :3] += np.outer(pose[:3], pose[:3])
+        return self.expects(pose, spread, chance)
+
     def unlikeliness(self, pose: Array, covariance: Array) -> float:
         """Return twice the negative logarithm of how likely a pose of it is, but for a constant.
 
@@ -184,6 +190,11 @@ class LeaderMotion:
         self._take(off, in_water @ covariance @ in_water.T, np.eye(5, 10, 5))
         stds = np.sqrt(self.covariance.diagonal()[5:])
         return bool((stds <= KNOWN * RATE_STD).all())
+
+    def reaches(self, place: Array, heading: Array) -> bool:
+        """Say whether it may be at a place, m, with a heading, rad, but for a chance."""
+        off = np.concatenate([place - self.place, wrapped(heading - self.heading, 1)])
+        return float(off @ np.linalg.solve(self.covariance[:5, :5], off)) <= chdtri(5, CHANCE)
 
     def _correct(self, off: Array, spread: Array, sees: Array) -> None:
         """Correct by an innovation, ``(m,)``, its covariance and what it sees, ``(m, 10)``."""

@@ -1,10 +1,11 @@
 """A lamp that is not the leader's, held apart from it for as long as it is seen to go on.
 
-Two equal lamps look alike, so that only their ways tell them apart. A lamp where the leader cannot
-have got since its light was seen, however hard it speeds up, brakes and turns, is another one. It
-stays so: what goes on from it rather than from the leader is that lamp, also later, when the leader
-might be there. It is not followed. A search takes into account that it may be in company with the
-leader, which would then be beside it as before.
+Two equal lamps look alike, so that only their ways and light that falls at once, as one goes out,
+tell them apart. What is left then is another one if it is not where the leader is expected; without
+a fall, if the leader cannot have got there since its light was seen, however hard it speeds up,
+brakes and turns. It stays so: what goes on from it rather than from the leader is that lamp, also
+later, when the leader might be there. It is not followed. It may be in company with the leader,
+which is then beside it as before; by that the follower goes on in the dark, and searches.
 """
 
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtri
 
-from uuv_optical_array.control.leader.motion import CHANCE, LeaderMotion, seen_at, slopes
+from uuv_optical_array.control.leader.motion import CHANCE, LeaderMotion, seen_at, slopes, turning
 from uuv_optical_array.control.vehicles.vehicle import VehicleLimits
 from uuv_optical_array.core.geometry import Array, rotation_matrix, wrapped
 
@@ -21,6 +22,10 @@ MOST_CHANGE = np.array(VehicleLimits.acceleration)
 # Nearer to where the leader is expected, m, and less turned, rad, a lamp is no other vehicle's, as
 # there is no room for one.
 ROOM = np.repeat([0.5, 0.1], [3, 2])
+# Standard deviation of a place, m, beyond which a pose tells nothing of a lamp's motion.
+KNOWN_M = 1.0
+# Share of the way from the leader to another lamp to which a pose of the light of both is ours.
+OURS = 0.25
 
 
 class OtherLamp:
@@ -46,8 +51,26 @@ class OtherLamp:
         others = [leader.unlikeliness(pose, covariance) for leader in leaders]
         if self.motion.unlikeliness(pose, covariance) > min(others):
             return False
-        self.motion.see(pose, covariance)
+        if covariance[:3, :3].trace() < KNOWN_M**2:
+            self.motion.see(pose, covariance)
         return True
+
+    def lead(self, leader: LeaderMotion) -> bool:
+        """Let a leader go on in its company; say whether that may be where it is."""
+        place, heading = self.beside(leader.own)
+        if not leader.reaches(place, heading):
+            return False
+        turn, rotation = self.motion.turn, rotation_matrix(*self.heading)
+        leader.place, leader.heading, leader.turn = place, heading, turn
+        leader.speed = rotation.T @ (self.motion.speed + turning(turn, self.place))
+        return True
+
+    def share(self, pose: Array, leader: LeaderMotion) -> float:
+        """Return how far a pose is from a leader's, 0, towards this lamp's, 1."""
+        lamp, _ = seen_at(leader.own, pose)
+        other, _ = seen_at(leader.own, self.motion.pose)
+        way = other - leader.place
+        return float((lamp - leader.place) @ way / (way @ way))
 
     def beside(self, own: Array) -> tuple[Array, Array]:
         """Return place and heading of a leader in its company, by where the follower is."""

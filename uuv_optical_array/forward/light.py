@@ -7,14 +7,7 @@ import math
 from typing import Any
 
 from uuv_optical_array.core.geometry import dot
-from uuv_optical_array.core.numerics.elementwise import (
-    choose,
-    exp,
-    law,
-    maximum,
-    minimum,
-    sqrt,
-)
+from uuv_optical_array.core.numerics.elementwise import choose, exp, law, maximum, minimum, sqrt
 
 # The inverse square of a point does not hold nearer than the size of the lamp.
 MIN_RANGE_M = 1e-3

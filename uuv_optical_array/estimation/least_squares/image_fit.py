@@ -13,21 +13,11 @@ import numpy as np
 from scipy.special import chdtrc, ndtr, ndtri
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import (
-    DOF_NAMES,
-    PITCH,
-    Array,
-    X,
-    turned_about_beam,
-    wrapped,
-)
+from uuv_optical_array.core.geometry import DOF_NAMES, PITCH, Array, X, turned_about_beam, wrapped
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.linear_algebra import solve
 from uuv_optical_array.estimation.estimate import Estimate
-from uuv_optical_array.estimation.information.linearised import (
-    LinearisedReadings,
-    Lineariser,
-)
+from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
 from uuv_optical_array.estimation.least_squares.faults import most_faulty
 from uuv_optical_array.estimation.least_squares.frame import (
     BELIEVED,

@@ -10,12 +10,7 @@ from typing import Any
 from numpy import maximum, minimum
 from scipy.special import ndtr
 
-from uuv_optical_array.core.numerics.elementwise import (
-    choose,
-    exp,
-    law,
-    sqrt,
-)
+from uuv_optical_array.core.numerics.elementwise import choose, exp, law, sqrt
 from uuv_optical_array.estimation.information.likelihood import DENSITY
 from uuv_optical_array.forward.optics import ReadingNoise
 

@@ -8,13 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.control.closed_loop import (
-    ClosedLoop,
-    Instant,
-    Light,
-    Swimmer,
-    clouded,
-)
+from uuv_optical_array.control.closed_loop import ClosedLoop, Instant, Light, Swimmer, clouded
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.following import Following
 from uuv_optical_array.control.formation_settings import FormationSettings

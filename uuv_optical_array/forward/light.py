@@ -6,8 +6,10 @@ Functions take numbers or arrays, in m, rad and counts: see `core.numerics.eleme
 import math
 from typing import Any
 
+from numpy import sqrt
+
 from uuv_optical_array.core.geometry import dot
-from uuv_optical_array.core.numerics.elementwise import choose, exp, law, maximum, minimum, sqrt
+from uuv_optical_array.core.numerics.elementwise import choose, exp, law, maximum, minimum
 
 # The inverse square of a point does not hold nearer than the size of the lamp.
 MIN_RANGE_M = 1e-3

@@ -8,10 +8,11 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy import sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z, dot, in_body, rotation
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import choose, cos, indices, law, sin, sqrt, total
+from uuv_optical_array.core.numerics.elementwise import choose, cos, indices, law, sin, total
 from uuv_optical_array.forward.effects.water import beer_exponent
 from uuv_optical_array.forward.lamps import (
     AXIS_PITCH,

@@ -8,6 +8,8 @@ compiled code it is a number, of one pose.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from numpy import sqrt
+
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import (
     beside,
@@ -17,7 +19,6 @@ from uuv_optical_array.core.numerics.elementwise import (
     law,
     maximum,
     sandwich,
-    sqrt,
     workspace,
     zeros,
 )

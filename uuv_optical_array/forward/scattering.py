@@ -19,15 +19,9 @@ for sea water. The absorption is a factor that `effects.water.beer` describes.
 
 from typing import Any
 
-from uuv_optical_array.core.numerics.elementwise import (
-    choose,
-    exp,
-    expm1,
-    law,
-    maximum,
-    minimum,
-    sqrt,
-)
+from numpy import sqrt
+
+from uuv_optical_array.core.numerics.elementwise import choose, exp, expm1, law, maximum, minimum
 
 CORE, HALO = 0.0013, 0.0754  # C and H, rad^2
 SHARE, LOSS = 0.188, 0.0562  # B and K
@@ -182,16 +176,8 @@ def scattered_light(
       of b is `in_range` times the range.
     """
     optical_depth = scattering_per_m * range_m
-    (
-        strength,
-        strength_depth,
-        strength_half,
-        strength_narrow,
-        advance,
-        advance_depth,
-        advance_half,
-        advance_narrow,
-    ) = source
+    strength, strength_depth, strength_half, strength_narrow = source[:4]
+    advance, advance_depth, advance_half, advance_narrow = source[4:]
     _, off_axis, sine_ratio = angle
     distance = sqrt(1 + advance * (advance - 2 * off_axis))
     nearness = 1 / distance

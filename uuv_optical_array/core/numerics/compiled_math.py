@@ -62,28 +62,6 @@ def type_of_function(function, _context):
     return None
 
 
-@intrinsic
-def choose(typing, condition, one, other):
-    """As `elementwise.choose`, by one instruction; of a branch the compiler may make no vectors."""
-    kind = typing.unify_types(types.unliteral(one), types.unliteral(other))
-
-    def build(_context, builder, _signature, arguments):
-        return builder.select(*arguments)
-
-    return kind(types.boolean, kind, kind), build
-
-
-@intrinsic
-def square_root(_typing, x):
-    """As `elementwise.sqrt`, by one instruction: of a call the compiler may make no vectors."""
-
-    def build(_context, builder, _signature, arguments):
-        root = builder.module.declare_intrinsic("llvm.sqrt", [arguments[0].type])
-        return builder.call(root, arguments)
-
-    return types.float64(types.float64), build
-
-
 @inlined
 def power_and_rest(x):
     """Return the whole number of powers of two in exp(x), in the last bits, and what is left."""
@@ -110,7 +88,7 @@ def exponential(x):
     power, rest = power_and_rest(x)
     value = np.float64(polynomial(EXPONENTIAL, rest)).view(np.int64)
     value = np.int64(value + (power << np.int64(52))).view(np.float64)
-    return choose(x < SMALLEST, 0.0, value)
+    return 0.0 if x < SMALLEST else value
 
 
 @inlined
@@ -119,7 +97,7 @@ def exponential_less_one(x):
     power, rest = power_and_rest(x)
     scale = np.int64((power + np.int64(1023)) << np.int64(52)).view(np.float64)
     value = scale * (rest * polynomial(EXPONENTIAL[:-1], rest)) + (scale - 1)
-    return choose(x < SMALLEST, -1.0, value)
+    return -1.0 if x < SMALLEST else value
 
 
 @inlined
@@ -221,8 +199,8 @@ def beside(own, i, image):
 class Borrowed(types.CPointer):
     """The address of a named tuple, whose members are taken from there where they are named.
 
-    Numba hands over each array of a tuple by nine numbers, and counts references to each in every
-    function that is given them, by atomic instructions: see benchmarks/kernel.py.
+    By value each array is nine numbers, in every call: with that alone a frame takes 1.00 to 1.15
+    times as long, and where references to the arrays are counted, too, 1.12 times that.
     """
 
     def member(self, name):
@@ -281,11 +259,12 @@ def borrowed(_typing, value):
 
 
 one_value = inlined(lambda value: value)
+choice = inlined(lambda condition, one, other: one if condition else other)
 INSTEAD: dict[Any, Any] = {
     elementwise.indices: range,
     elementwise.indices_where: inlined(lambda condition, i: range(i, i + (1 if condition else 0))),
-    elementwise.choose: choose,
-    elementwise.choose_tuple: inlined(lambda condition, one, other: one if condition else other),
+    elementwise.choose: choice,
+    elementwise.choose_tuple: choice,
     elementwise.any_of: one_value,
     elementwise.total: one_value,
     elementwise.at_place: inlined(lambda rows, place, i: rows[int(place), i]),
@@ -298,10 +277,9 @@ INSTEAD: dict[Any, Any] = {
     elementwise.beside: beside,
     elementwise.exp: exponential,
     elementwise.expm1: exponential_less_one,
-    elementwise.sqrt: square_root,
     elementwise.sin: sine,
     elementwise.cos: cosine,
     # One instruction each, where those of NumPy take four.
-    elementwise.maximum: inlined(lambda x, low: choose(low > x, low, x)),
-    elementwise.minimum: inlined(lambda x, high: choose(high < x, high, x)),
+    elementwise.maximum: inlined(lambda x, low: low if low > x else x),
+    elementwise.minimum: inlined(lambda x, high: high if high < x else x),
 }

@@ -29,11 +29,6 @@ def exp(x: Any) -> Any:
     return np.exp(x)
 
 
-def sqrt(x: Any) -> Any:
-    """Return what `numpy.sqrt` returns."""
-    return np.sqrt(x)
-
-
 def sin(x: Any) -> Any:
     """Return what `numpy.sin` returns, of up to a hundred turns to 1e-13."""
     return math.sin(x) if finite_number(x) else np.sin(x)
@@ -67,8 +62,8 @@ def minimum(x: Any, high: Any) -> Any:
 def borrowed(arrays: Arrays) -> Arrays:
     """Return a named tuple of arrays as it is, for as long as the caller keeps it.
 
-    Compiled code does not count references to such arrays, as it does else in each function that is
-    given them. None of them may be returned.
+    Compiled code hands on its address, and counts no references to its arrays. None of them may be
+    returned, nor a tuple made of its large members.
     """
     return arrays
 

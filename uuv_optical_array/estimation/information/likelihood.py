@@ -4,11 +4,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy import log, maximum, minimum
+from numpy import log, maximum, minimum, sqrt
 from scipy.special import erfcx, log_ndtr, ndtr
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.numerics.elementwise import choose, indices, indices_where, law, sqrt
+from uuv_optical_array.core.numerics.elementwise import choose, indices, indices_where, law
 from uuv_optical_array.forward.optics import ReadingNoise, reading_variance, variance_slope
 
 FAR = 35.0  # standard deviations inside, where a limit says nothing

@@ -7,10 +7,10 @@ same mean and variance, less what the fit takes away.
 
 from typing import Any
 
-from numpy import maximum, minimum
+from numpy import maximum, minimum, sqrt
 from scipy.special import ndtr
 
-from uuv_optical_array.core.numerics.elementwise import choose, exp, law, sqrt
+from uuv_optical_array.core.numerics.elementwise import choose, exp, law
 from uuv_optical_array.estimation.information.likelihood import DENSITY
 from uuv_optical_array.forward.optics import ReadingNoise
 

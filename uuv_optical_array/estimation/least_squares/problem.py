@@ -5,10 +5,21 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
-from uuv_optical_array.core.numerics.elementwise import indices, sqrt, total, workspace, zeros
-from uuv_optical_array.core.numerics.gauss_newton import FREE, GIVE_UP, minimiser, stepper
+from uuv_optical_array.core.numerics.elementwise import (
+    indices,
+    total,
+    workspace,
+    zeros,
+)
+from uuv_optical_array.core.numerics.gauss_newton import (
+    FREE,
+    GIVE_UP,
+    minimiser,
+    stepper,
+)
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.information.likelihood import likelihood_of
 from uuv_optical_array.estimation.least_squares.misfit import chi_square_score, residual_moments

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy import floor
+from numpy import floor, sqrt
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
@@ -18,7 +18,6 @@ from uuv_optical_array.core.numerics.elementwise import (
     law,
     maximum,
     minimum,
-    sqrt,
 )
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.lamps import together

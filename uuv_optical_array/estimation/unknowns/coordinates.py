@@ -19,7 +19,7 @@ All functions take numbers, or components of many poses at once.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy import arctan2, cos, hypot, log, sin
+from numpy import arctan2, cos, hypot, log, sin, sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, dot, lamp_in_body, pitched, rotation
 from uuv_optical_array.core.numerics.elementwise import (
@@ -28,7 +28,6 @@ from uuv_optical_array.core.numerics.elementwise import (
     law,
     maximum,
     minimum,
-    sqrt,
     stack,
 )
 from uuv_optical_array.forward.beam import UNIT, angle_of

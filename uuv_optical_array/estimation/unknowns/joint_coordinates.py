@@ -12,10 +12,11 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation, wrapped
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import exp, sqrt, zeros
+from uuv_optical_array.core.numerics.elementwise import exp, zeros
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.estimation.unknowns.coordinates import (
     AZIMUTH,

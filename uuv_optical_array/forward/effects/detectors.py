@@ -3,10 +3,10 @@
 from typing import Annotated, Any
 
 import numpy as np
-from numpy import log
+from numpy import log, sqrt
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.numerics.elementwise import choose, exp, law, maximum, minimum, sqrt
+from uuv_optical_array.core.numerics.elementwise import choose, exp, law, maximum, minimum
 from uuv_optical_array.core.settings import Cells, Grid, Quantity, one_way
 from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.effects.forms import Background, Gain, Transmission

@@ -93,13 +93,14 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # Modules of tests that fit images come last in each worker. Where all tests run in several
 # processes, the idle one compiles the fit meanwhile; else every worker would wait for one of them.
 FITTING = re.compile(
-    "test_(acceptance|accuracy|advise|approach|benchmarks|closed_loop|code_blocks|commands|"
-    "demo|drives|end_to_end|envelope|estimate|estimator_node|every_effect|example_scripts|examples|"
-    "faults|fit|fit_compiler|follower_node|fuzz|hard_cases|lattice|linearised|loop_of_nodes|"
-    "many_poses|misfit|mixture|near_frames|node_parameters|outputs|paper|plausibility|posterior|"
-    "programs|ranges|record|replay|robustness|security|several_lamps|signature_table|"
-    "track_of_images|tracking_constants|"
-    "tracking_manoeuvres|tracking_seas|tracking_shades|tradeoff|transport|view|view_sources)"
+    "test_(acceptance|accuracy|advise|approach|bag_of_lamps|beam|benchmarks|closed_loop|"
+    "code_blocks|commands|demo|drives|elementwise|end_to_end|envelope|estimate|estimator_node|"
+    "every_effect|example_scripts|examples|faults|film|fit|fit_compiler|follower_node|fuzz|"
+    "hard_cases|lattice|light_tables|linearised|loop_of_nodes|many_poses|misfit|mixture|"
+    "near_frames|node_parameters|notebook|outputs|paper|places|plausibility|poses|posterior|"
+    "programs|ranges|readme_figures|record|rehearsal|replay|robustness|security|several_lamps|"
+    "signature_table|track_of_images|tracking_constants|tracking_manoeuvres|tracking_seas|"
+    "tracking_shades|tradeoff|transport|uneven_light|view|view_sources)"
 )
 COMPILE = "from uuv_optical_array.estimation.fit_compiler import compile_fit; compile_fit()"
 COMPILER = []

@@ -116,7 +116,7 @@ class Fit:
         """
         variance = self.variance(light)
         inside = 1 / variance + 0.5 * ((self.variance(light + 1) - variance) / variance) ** 2
-        step = 1e-3 * np.sqrt(variance)
+        step = 1e-2 * np.sqrt(variance)  # of smaller ones rounding is seen
         below, here, above = (self.log_likelihood(readings, light + k * step) for k in (-1, 0, 1))
         cut = (readings >= 1023) | (readings <= 0)
         limited = cut & ("adc" in self.model.scene.effects)

@@ -200,9 +200,11 @@ POSE = np.array([-5.5, 0.3, -0.2, 0.1, -0.15])
 def clear_fit(estimator):
     """Return what fits a clear frame, problem and way, from the true pose, beside its kind."""
     kinds, guide = kinds_of(MODEL), guide_from(guide_to(MODEL), POSE)
-    names = estimator.constants.names
+    names, write = estimator.constants.names, write_linear
+    if compilation.installed():
+        write = compilation.compiled(write_linear)
     precision = np.diag(1 / np.square(pose_prior(SCENE)[1]))
-    linear = LinearModel(MODEL, kinds, names, precision, write_linear)
+    linear = LinearModel(MODEL, kinds, names, precision, write)
     frame = frame_of(kinds[0].problem, guide)
 
     def fitted(problem, way=BELIEVED, place=NOWHERE):

@@ -53,7 +53,7 @@ class _OuterLibrary(codegen.JITCodeLibrary):
             if isinstance(library, _InnerLibrary):
                 for function in library.get_defined_functions():
                     self._final_module.get_function(function.name).linkage = "internal"
-        # Numba would do so twice, as it counts references to arrays in between.
+        # Numba has two passes, as it looks for counted references in between: laws count none.
         manager, builder = self._codegen._module_pass_manager()
         manager.run(self._final_module, builder)
 

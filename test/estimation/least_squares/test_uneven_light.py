@@ -55,7 +55,9 @@ def test_images_drawn_with_the_sizes_are_as_far_off_as_they_say(estimator):
     poses, images = uneven(estimator, 2 * COUNT, SIZES, seed=4)
     off = answers(estimator, poses, images, uneven=1.0)
     assert len(off) >= 2 * COUNT - 4
-    assert (off < 6).all()
+    # A clear image from elsewhere may look the same: so one in eighty is farther off, of other
+    # seeds, and this many by five standard deviations more.
+    assert np.count_nonzero(off >= 6) <= 5
 
 
 def test_rows_that_read_too_little_are_no_reason_to_be_sure(estimator):

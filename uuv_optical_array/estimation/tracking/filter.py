@@ -158,17 +158,18 @@ class FrameFilter:
         """
         usual = None
         for obeys in (True, False) if self.commanded(frame.stamp_ns) else (False,):
-            best = None
+            best, least = None, None
             for event in SHARES:
                 # A wider and rarer event is no likelier than a usual motion that fits.
-                if best and best[0].distance ** 2 <= -2 * math.log(SHARES[event]):
+                if best and best.distance**2 <= -2 * math.log(SHARES[event]):
                     continue
-                found = self._fused_by(state, frame, obeys, event)
-                usual = usual or found[0]
-                if found[0].distance <= self.gate and (not best or found[1]() < best[1]()):
-                    best = found
+                fused, cost = self._fused_by(state, frame, obeys, event)
+                usual = usual or fused
+                # Costs are worked out where events compete alone.
+                if fused.distance <= self.gate and (least is None or cost() < least()):
+                    best, least = fused, cost
             if best:
-                return best[0]
+                return best
         assert usual is not None
         return usual
 

@@ -13,7 +13,6 @@ from uuv_optical_array.estimation.unknowns.constants import Constants
 
 # What is beyond any sea but not beyond double precision, m and rad.
 MAX_POSE, MIN_VARIANCE, MAX_VARIANCE, MAX_CONDITION = 1e6, 1e-12, 1e8, 1e10
-
 POSE_CURE = f"give ({', '.join(DOF_NAMES)}), five numbers within +-{MAX_POSE:g}"
 
 Relinearise = Callable[[Array], LinearisedReadings]

@@ -178,10 +178,15 @@ class ImageFit:
         self.compiled = compiled
 
     def _write_linear(
-        self, optics: Optics, noise: ReadingNoise, readings: Array, *place_and_result: Any
+        self,
+        optics: Optics,
+        noise: ReadingNoise,
+        readings: Array,
+        at: Array,
+        roll: float,
+        linear: Array,
     ) -> None:
         """Do what `write_linear` does by what fits an image."""
-        at, roll, linear = place_and_result
         problem = self._kinds[0].problem._replace(
             optics=optics, noise=noise, readings=readings, roll=roll
         )

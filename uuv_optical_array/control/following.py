@@ -40,7 +40,7 @@ from uuv_optical_array.control.darkness import DOUBT, LIKELY, Darkness, SearchSe
 from uuv_optical_array.control.formation import FormationController, nanoseconds
 from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.leader.motion import Glow, LeaderMotion
-from uuv_optical_array.control.leader.other_lamp import OURS, OtherLamp, goes_on
+from uuv_optical_array.control.leader.other_lamp import OtherLamp, goes_on
 from uuv_optical_array.control.leader.told_motion import Message
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
@@ -249,12 +249,11 @@ class Following:
             motion.advance(stamp_s, self._own_twist(stamp_s))
         other = self._other
         if other is None or not other.has(pose, covariance, leaders):
-            two = other if self.state.name == "coasting" else None
-            if two is not None and not two.alone and two.share(pose, leader) > OURS:
+            if other and self.state.name == "coasting" and other.mixed(pose, leader):
                 self._glow = None
                 raise leader.outlier(pose)
             ours = leader.in_line(pose, covariance, LIKELY) if self._left else reached
-            if ours or not 0 <= stamp_s - self._out_s <= LEFT_S:
+            if ours or not self._fell(stamp_s):
                 if not reached:  # as where two lights part
                     leader.check(pose, covariance)
                 return
@@ -267,9 +266,13 @@ class Following:
                 self._dark.accompany(other)
         raise leader.outlier(pose)
 
+    def _fell(self, stamp_s: float) -> bool:
+        """Say whether a lamp went out shortly before."""
+        return 0 <= stamp_s - self._out_s <= LEFT_S
+
     def _takes_up(self, stamp_s: float) -> bool:
         """Say whether the track may still be taking up the light that a lamp left."""
-        return self._left and 0 <= stamp_s - self._out_s <= LEFT_S
+        return self._left and self._fell(stamp_s)
 
     def _note_seen(self, stamp_s: float, pose: Array, covariance: Array) -> None:
         """Let a pose tell of the leader's motion, and of how bright its lamp is.

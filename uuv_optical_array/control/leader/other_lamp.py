@@ -65,6 +65,10 @@ class OtherLamp:
         leader.speed = rotation.T @ (self.motion.speed + turning(turn, self.place))
         return True
 
+    def mixed(self, pose: Array, leader: LeaderMotion) -> bool:
+        """Say whether a pose is of the light of both, and too far from a leader's to be its."""
+        return not self.alone and self.share(pose, leader) > OURS
+
     def share(self, pose: Array, leader: LeaderMotion) -> float:
         """Return how far a pose is from a leader's, 0, towards this lamp's, 1."""
         lamp, _ = seen_at(leader.own, pose)

@@ -2,6 +2,7 @@
 
 import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -125,7 +126,7 @@ def test_twice_the_scattering_is_that_of_such_a_sea():
 @pytest.mark.parametrize(
     ("name", "number", "gain", "counts"),
     [
-        *(("two_dirty", 2, 0.8, 0), ("glint", 1, 1, 50)),
+        *(("two_dirty", 2, 0.8, 0), ("glint", 1, 1, 50), ("snow", 3, 0.7, 0)),
         *(("dead_detector", 1, 0, 0), ("stuck_detector", 1, 0, 1023)),
     ],
 )
@@ -215,6 +216,61 @@ def test_a_hard_shadow_covers_half_of_the_array_from_any_side():
     # What is opposite to a dark detector is lit, so that nearly half are dark.
     assert (dark ^ dark[:, ::-1, ::-1]).sum() == dark.size - len(dark)
     assert 0.4 < dark[:, 0, 0].mean() < 0.6
+
+
+def off_axis(settings):
+    """Return how far to port and off the lamp's axis detectors are, in sigmas of the beam."""
+    places, sigma = model_of(settings).array.positions, settings["lamp"]["beam_sigma_deg"]
+    seen = np.stack([pose[:3] + places @ second.attitude(*pose[3:], 0).T for pose in POSES])
+    port = np.arctan2(seen[..., 1], -seen[..., 0])
+    off = np.arccos(-seen[..., 0] / np.linalg.norm(seen, axis=-1))
+    return [np.degrees(angle).reshape(len(POSES), 5, 5) / sigma for angle in (port, off)]
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"),
+    [
+        # Half of its peak where the Gaussian has it: at 1.1774 sigma.
+        (
+            "moffat",
+            lambda _, off: (1 + 0.259921 * (off / 1.177410) ** 2) ** -3 / np.exp(-(off**2) / 2),
+        ),
+        ("ring_0.03", lambda _, off: 1 + 0.03 * np.exp(-((off - 1) ** 2) / 0.18)),
+        ("cut_off", lambda port, _: stats.norm.sf(port, 1, 0.2)),
+        ("hidden_row_0.5", lambda *_: np.where(np.arange(5)[:, None] == 4, 0.5, 1.0)),
+    ],
+)
+def test_a_lamp_of_another_shape_or_half_hidden(name, factor):
+    lit = light_of("nothing") - 20.0  # daylight stays
+    np.testing.assert_allclose(light_of(name) - 20.0, lit * factor(*off_axis(SUNLIT)), rtol=1e-5)
+
+
+def test_a_bent_converter_is_right_at_zero_half_and_full_scale():
+    settings = settings_of(ambient={"level_counts": 0.0})
+    kind, model = BY_NAME["bent_0.01"], model_of(settings)
+    for light, off in ((0.0, 0.0), (1023 / 4, 10.23), (1023 / 2, 0.0), (3 * 1023 / 4, -10.23)):
+        lit = SimpleNamespace(model=model, light=lambda light=light: np.full((1, 5, 5), light))
+        np.testing.assert_allclose(kind.of_sea(lit) - light, off, atol=1e-9)
+
+
+def test_dirt_and_bubbles_take_their_share_anywhere():
+    lit = light_of("nothing", poses=MANY) - 20.0
+    column, row = (axis / 2 - 1 for axis in np.meshgrid(np.arange(5.0), np.arange(5.0)))
+    for name, terms in (
+        ("fouled_0.3", [column**0, column, row]),
+        ("bubble_0.3", [column**0, column, row, column**2 + row**2]),
+    ):
+        lost = 1 - (light_of(name, poses=MANY) - 20.0) / lit
+        assert 0.29 < lost.max() < 0.3 + 1e-9
+        # In the logarithm a plane, or a round parabola.
+        for each in lost[:100]:
+            there = each > 1e-6
+            if there.sum() > len(terms):
+                by = np.stack(terms)[:, there].T
+                fitted = by @ np.linalg.lstsq(by, np.log(each[there]), rcond=None)[0]
+                np.testing.assert_allclose(fitted, np.log(each[there]), atol=1e-6)
+        middle = lost.mean(axis=0)
+        np.testing.assert_allclose(middle, middle[::-1, ::-1], atol=0.01)
 
 
 def test_noise_is_uniform_and_blobs_are_gaussian():

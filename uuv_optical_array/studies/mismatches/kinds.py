@@ -127,6 +127,7 @@ POWER_CURE = "Calibrate again when lamp or battery change; widen `prior.lamp_pow
 K_CURE = "Measure K or calibrate where you dive; widen `prior.k_std_per_m`."
 SEA_CURE = K_CURE.replace("K or", "the water or").replace("k_std_per_m", "scattering_std")
 BEAM_CURE = "Calibrate the mounted lamp; an ageing diffuser widens the beam."
+SHAPE_CURE = "Name the lamp's file in `lamp.photometry`, or calibrate with a `beam_shape_std`."
 AMBIENT_CURE = "Measure with the lamp off and set `effects.ambient`, or shield the array."
 GRADIENT_CURE = f"{AMBIENT_CURE} A track learns the slope while the range changes."
 LAMP_CURE = "Cover or switch off other lamps, or modulate the leader's."
@@ -214,6 +215,26 @@ KINDS = (
             SHADE_CURE, (0.02, 0.05, 0.1)),
     *_kinds("half_shadow", seas.half_shadow, "Half of the array lies in a hard shadow.",
             SHADE_CURE),
+    *_kinds("hidden_row_{by:g}", seas.hidden_row,
+            "The lowest row sees {by:g} of the lamp, behind the hull.", SHADE_CURE, (0.5,)),
+    *_kinds("fouled_{by:g}", seas.fouled,
+            "Fouling takes {percent:g} % of the light at one edge of the array.",
+            SHADE_CURE, (0.3, 0.6)),
+    *_kinds("bubble_{by:g}", seas.bubble, "A bubble takes {percent:g} % of a detector's light.",
+            "Wipe the window; purge the air before the dive.", (0.3,)),
+    *_kinds("snow", partial(seas.some_detectors, number=3, gain=0.7),
+            "Flakes of marine snow take 30 % of the light of three detectors.",
+            "Wait until they have passed."),
+    *_kinds("moffat", seas.moffat_lobe,
+            "The beam is a Moffat lobe, with wider flanks, as wide at half of its peak.",
+            SHAPE_CURE),
+    *_kinds("ring_{by:g}", seas.ring, "A ring in the beam is {percent:g} % brighter.",
+            SHAPE_CURE, (0.03,)),
+    *_kinds("cut_off", seas.cut_off, "The leader's hull cuts off the beam to port.",
+            "Mount the lamp clear of the hull."),
+    *_kinds("bent_{by:g}", seas.bent,
+            "The converter is bent, S-shaped, by {percent:g} % of its full scale.",
+            "Calibrate the converter against a divider.", (0.01,)),
     *_kinds("rolled_{by:g}", lambda sea, by: sea.model.light(sea.poses, np.radians(by)),
             "The follower is rolled by {by:g} deg, which one lamp does not show.",
             "Set `use_imu` and connect the vehicle's IMU.", (15.0,)),

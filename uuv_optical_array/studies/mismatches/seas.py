@@ -8,10 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.legendre import legvander2d
+from scipy.special import ndtr
 
 from uuv_optical_array.calibration.likelihood.aims import appearing
-from uuv_optical_array.core.geometry import PITCH, Array, X, Z, rotation_matrix
+from uuv_optical_array.core.geometry import PITCH, Array, X, Y, Z, rotation_matrix
 from uuv_optical_array.forward import prior
+from uuv_optical_array.forward.light import HALF_SQUARE
 from uuv_optical_array.forward.model import ForwardModel
 
 # Products of Legendre polynomials over the array, by their degrees: its smooth uneven modes.
@@ -20,6 +22,8 @@ MODES = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 FRAME_S, SAMPLES, CARRIER_HZ = 0.1, 3360, 1000.0
 TIMES_S = (np.arange(SAMPLES) + 0.5) * FRAME_S / SAMPLES
 WAVES_HZ, WAVES_COUNTS = 5.0, 120.0  # of daylight, 30 % of 400 counts
+BUBBLE = 0.2  # width of its shadow, in half widths of the array
+RING, PENUMBRA = 0.3, 0.2  # widths of a ring and of a shadow's edge, in sigmas of the beam
 
 
 class Sea(NamedTuple):
@@ -48,6 +52,28 @@ class Sea(NamedTuple):
         count, _, side, _ = lights.shape
         every = np.broadcast_to(lights, (count, self.model.scene.lamp_count, side, side))
         return every.reshape(count, -1, side)
+
+    def dimmed(self, factor: Array) -> Array:
+        """Return the light where that of the lamps is so many times as much, at each detector.
+
+        The factor has the shape ``(n, L or 1, side, side)`` or ``(n, side, side)``.
+        """
+        lamps, rest = self.lamps_and_rest()
+        return self.image(lamps * (factor if factor.ndim == 4 else factor[:, None]) + rest)
+
+    def off_axis(self) -> Array:
+        """Return the angle off each lamp's axis over its beam's sigma, ``(n, L, side, side)``."""
+        side, scene = self.model.array.side, self.model.scene
+        rays = self.model.rays(self.poses, np.zeros(len(self.poses)))
+        angle = np.sqrt(2 * rays[HALF_SQUARE]).reshape(len(self.poses), -1, side, side)
+        return angle / np.radians(scene.lamp.beam_sigma_deg)
+
+    def towards(self) -> Array:
+        """Return how far detectors are in a direction, from -1 to 1, in each frame another."""
+        column, row = prior.over_array(self.model.array.side)
+        turn = self.rng.uniform(0, 2 * np.pi, (len(self.poses), 1, 1))
+        along = np.cos(turn) * column + np.sin(turn) * row
+        return along / np.abs(along).max(axis=(1, 2), keepdims=True)
 
     def aside(self, port_m: float = 0.0, above_m: float = 0.0) -> Array:
         """Return the light of lamps that are so far from the scene's, ``(n, L, side, side)``."""
@@ -187,17 +213,60 @@ def shade(sea: Sea, by: float) -> Array:
     modes = np.stack([legvander2d(column, row, degrees)[..., -1] for degrees in MODES])
     modes /= np.sqrt(np.mean(modes**2, axis=(1, 2), keepdims=True))
     depths = sea.rng.standard_normal((len(sea.poses), len(MODES))) * by / np.sqrt(len(MODES))
-    lamps, rest = sea.lamps_and_rest()
-    return sea.image(lamps * np.exp(np.tensordot(depths, modes, axes=1))[:, None] + rest)
+    return sea.dimmed(np.exp(np.tensordot(depths, modes, axes=1)))
 
 
 def half_shadow(sea: Sea) -> Array:
     """Let the lamp reach one half of the array, in each frame another, with a hard edge."""
-    column, row = prior.over_array(sea.model.array.side)
-    turn = sea.rng.uniform(0, 2 * np.pi, (len(sea.poses), 1, 1))
-    lamps, rest = sea.lamps_and_rest()
-    dark = np.cos(turn) * column + np.sin(turn) * row > 0
-    return sea.image(np.where(dark[:, None], 0.0, lamps) + rest)
+    return sea.dimmed(np.where(sea.towards() > 0, 0.0, 1.0))
+
+
+def hidden_row(sea: Sea, by: float) -> Array:
+    """Let the lowest row see a share of the lamp."""
+    factor = np.ones((len(sea.poses), *[sea.model.array.side] * 2))
+    factor[:, -1] = by
+    return sea.dimmed(factor)
+
+
+def fouled(sea: Sea, by: float) -> Array:
+    """Let a window lose a share of its light at one edge, and less than a tenth of that mid-way."""
+    return sea.dimmed(1 - by * np.exp((sea.towards() - 1) / 0.3))
+
+
+def bubble(sea: Sea, by: float) -> Array:
+    """Let a bubble take a share of the light of one detector and some of that of those around."""
+    side, count = sea.model.array.side, len(sea.poses)
+    column, row = prior.over_array(side)
+    at = sea.rng.uniform(-1, 1, (2, count, 1, 1))
+    squares = (column - at[0]) ** 2 + (row - at[1]) ** 2
+    return sea.dimmed(1 - by * np.exp(-squares / (2 * BUBBLE**2)))
+
+
+def moffat_lobe(sea: Sea) -> Array:
+    """Shape the beam as a Moffat function of exponent 3, as wide at half of its peak."""
+    squares = sea.off_axis() ** 2
+    lobe = (1 + (2 ** (1 / 3) - 1) * squares / (2 * np.log(2))) ** -3
+    return sea.dimmed(lobe * np.exp(squares / 2))
+
+
+def ring(sea: Sea, by: float) -> Array:
+    """Put a ring of so much more light into the beam, about a standard deviation off its axis."""
+    return sea.dimmed(1 + by * np.exp(-(((sea.off_axis() - 1) / RING) ** 2) / 2))
+
+
+def cut_off(sea: Sea) -> Array:
+    """Let a hull cut off the beam to port, one standard deviation off its axis."""
+    side, lamp = sea.model.array.side, sea.model.scene.lamp
+    turned = rotation_matrix(*sea.poses[:, PITCH:].T) @ sea.model.array.positions.T
+    x, y = (sea.poses[:, axis, None] + turned[:, axis] for axis in (X, Y))
+    angle = np.arctan2(y, -x).reshape(len(x), side, side) / np.radians(lamp.beam_sigma_deg)
+    return sea.dimmed(ndtr((1 - angle) / PENUMBRA))
+
+
+def bent(sea: Sea, by: float) -> Array:
+    """Bend the response, S-shaped, by so much of the full scale."""
+    light, full = sea.light(), sea.model.scene.full_scale_counts
+    return light + by * full * np.sin(2 * np.pi * light / full)
 
 
 def blob(sea: Sea) -> Array:

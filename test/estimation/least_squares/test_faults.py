@@ -1,6 +1,7 @@
 """Faulty detectors are found, named and left out, and take nothing else with them."""
 
-from itertools import combinations
+from contextlib import suppress
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +11,11 @@ from scipy.stats import entropy
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.least_squares.faults import most_faulty, weigh
+from uuv_optical_array.estimation.least_squares.faults import (
+    lines_of_neighbours,
+    most_faulty,
+    weigh,
+)
 from uuv_optical_array.estimation.least_squares.problem import MOST_STEPS, refine, start_at
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -107,6 +112,35 @@ def test_what_a_faulty_detector_reads_has_no_part_in_the_pose(estimator):
         std = np.sqrt(other.covariance.diagonal())
         np.testing.assert_allclose(other.pose, estimates[0].pose, atol=0.02 * std.min())
         np.testing.assert_allclose(other.covariance, estimates[0].covariance, rtol=0.05)
+
+
+@pytest.mark.parametrize("side", [3, 5])
+def test_lines_of_neighbours_are_those_that_hold_two_of_them(side):
+    rng = np.random.default_rng(side)
+    for share in (0.05, 0.2, 0.5):
+        for out in rng.random((20, 2 * side, side)) < share:  # of two lamps
+            lines = lines_of_neighbours(out)
+            for i, j in np.ndindex(2 * side, side):
+                first = i - i % side
+                row, column = out[i], out[first : first + side, j]
+                pairs = [*pairwise(row), *pairwise(column)]
+                assert lines[i, j] == ((True, True) in pairs)
+
+
+def test_a_row_behind_the_hull_is_left_out_as_a_whole(estimator):
+    """Three of its five detectors can be left out as faults, and the other two mislead."""
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(9)
+    poses = lit_poses(model, 60, rng)
+    light = model.light(poses)
+    light[:, -1] *= 0.5
+    answered, false = 0, 0
+    for pose, image in zip(poses, model.read(light, rng), strict=True):
+        with suppress(NoPose):
+            estimate = estimator.estimate(image)
+            off = np.abs(estimate.pose - pose) / np.sqrt(estimate.covariance.diagonal())
+            answered, false = answered + 1, false + (off > 6).any()
+    assert answered > 20
+    assert false <= 4  # one in forty is; five standard deviations
 
 
 def clear_problem(estimator):

@@ -10,6 +10,7 @@ for larger at first, and cools (A. Blake and A. Zisserman, *Visual Reconstructio
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import partition
@@ -48,6 +49,17 @@ def most_faulty(problem: Problem) -> int:
         if lit(others, problem.noise) + 2 * full >= LIT_EACH * count:
             return count
     return 0
+
+
+def lines_of_neighbours(out: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which detectors are in a row or column of which neighbours are left out.
+
+    What hides several of a line, as a hull does, is taken to hide all of it. Shapes as of an image.
+    """
+    square = out.reshape(-1, out.shape[1], out.shape[1])  # of each lamp
+    rows = (square[:, :, 1:] & square[:, :, :-1]).any(axis=2, keepdims=True)
+    columns = (square[:, 1:] & square[:, :-1]).any(axis=1, keepdims=True)
+    return np.asarray(rows | columns).reshape(out.shape)
 
 
 def grows(noise: ReadingNoise) -> bool:

@@ -18,7 +18,12 @@ from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.linear_algebra import solve
 from uuv_optical_array.estimation.estimate import Estimate
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
-from uuv_optical_array.estimation.least_squares.faults import most_faulty
+from uuv_optical_array.estimation.least_squares.faults import (
+    FAULTY,
+    lines_of_neighbours,
+    log_faulty,
+    most_faulty,
+)
 from uuv_optical_array.estimation.least_squares.frame import (
     BELIEVED,
     DOUBTED,
@@ -226,9 +231,9 @@ class ImageFit:
         start = guide
         if faults and clear.frame.score > DOUBTFUL:
             mended = self._mended(image, kinds[0])
-            found.append(mended)
-            if mended.frame.outcome == FITTED:
-                start = self._from(mended.frame.best[:5], image.roll)
+            found += mended
+            if mended[0].frame.outcome == FITTED:
+                start = self._from(mended[0].frame.best[:5], image.roll)
         if clear.frame.outcome == FITTED:
             for kind in kinds[1:]:
                 beside = self._beside(image, kind, clear)
@@ -240,7 +245,7 @@ class ImageFit:
         found += [self._uneven(kind, image.problem(kind), start) for kind in kinds[:0:-1]]
         if faults and not any(each.frame.outcome == FITTED for each in found):
             # Very uneven light beside a few detectors that are not believed would explain anything.
-            found += [self._mended(image, kind) for kind in kinds[1:2]]
+            found += self._mended(image, kinds[1]) if len(kinds) > 1 else []
         return found
 
     def _hypothesis(
@@ -276,14 +281,29 @@ class ImageFit:
         frame = clear.frame._replace(pose=near.pose, covariance=near.covariance, log_evidence=odds)
         return Hypothesis(kind, problem, frame, None)
 
-    def _mended(self, image: Image, kind: FrameKind) -> Hypothesis:
-        """Fit an image some of whose readings are anything, where few are and the others fit."""
-        problem = image.problem(kind)
+    def _mended(self, image: Image, kind: FrameKind) -> list[Hypothesis]:
+        """Fit an image some of whose readings are anything, where few are and the others fit.
+
+        Where these are neighbours, all of their row or column may be.
+        """
+        problem, lamps = image.problem(kind), self._model.scene.lamp_count
         most, readings = most_faulty(problem), problem.readings.copy()
         problem = problem._replace(readings=readings, weights=np.ones(len(readings)))
         found = self._hypothesis(kind, problem, self.guide, DOUBTED)
-        few = np.count_nonzero(found.frame.weights < 0.5) <= most * self._model.scene.lamp_count
-        return found if few and self._fits(found) else found.refused
+        out = found.frame.weights < 0.5
+        if np.count_nonzero(out) > most * lamps:
+            return [found.refused]
+        mended = [found]
+        line = lines_of_neighbours(out.reshape(self._model.image_shape)).ravel()
+        if line.any():
+            weights = np.where(line, 0.0, found.frame.weights)
+            problem = image.problem(kind)._replace(weights=weights)
+            hidden = self._hypothesis(kind, problem, self.guide)
+            noise, more = problem.noise, np.count_nonzero(line & ~out) / lamps
+            chance = log_faulty(image.readings, image.readings, noise, weights, lamps)
+            # As probable as that its neighbours alone are.
+            mended.append(hidden._replace(log_chance=float(chance - more * math.log(FAULTY))))
+        return [each if self._fits(each) else each.refused for each in mended]
 
     def _without_dark_lamp(
         self, image: Image, kind: FrameKind, problem: Problem, guide: Guide

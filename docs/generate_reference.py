@@ -295,8 +295,20 @@ def topics_of(node: str, module: Any) -> Iterator[Topic]:
 
 
 def all_topics() -> list[Topic]:
-    """Return every topic of every node."""
-    return [topic for name, module in node_modules() for topic in topics_of(name, module)]
+    """Return every topic of every node, and of the parts that it has in a folder of its own."""
+    return [
+        topic
+        for name, module in node_modules()
+        for source in (module, *parts_of(name))
+        for topic in topics_of(name, source)
+    ]
+
+
+def parts_of(node: str) -> Iterator[Any]:
+    """Yield the modules of a node's own folder, as ``nodes/estimator`` is of `estimator_node`."""
+    folder = Path(nodes.__file__).parent / node.removesuffix("_node")
+    for _, name, _ in pkgutil.iter_modules([str(folder)]):
+        yield importlib.import_module(f"{nodes.__name__}.{folder.name}.{name}")
 
 
 def topics() -> list[str]:

@@ -242,7 +242,7 @@ def test_a_signature_whose_image_never_comes_is_given_up_with_the_reason(joiner,
     for seconds in range(1, 30):
         joiner.clouds.publish(joiner.message(joiner.signature(images[0]), seconds))
         stamp = seconds * 10**9 + 9
-        joiner.lab.until(lambda stamp=stamp: stamp in joiner.node.waiting, "the signature")
+        joiner.lab.until(lambda stamp=stamp: stamp in joiner.node.inputs.waiting, "the signature")
     status = joiner.lab.report(joiner.node, WARN, "no image")
     assert not joiner.poses
     assert dict(figures(status))["answered"] == "0"

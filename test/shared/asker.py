@@ -112,4 +112,4 @@ class Shower(Asker):
         message = Imu(header=Header(stamp=Time(sec=seconds, nanosec=9)))
         message.orientation = Quaternion(x=x, y=y, z=z, w=w)
         self.imu.publish(message)
-        self.lab.until(lambda: self.node.roll_ns == seconds * 10**9 + 9, "the roll")
+        self.lab.until(lambda: self.node.roll.stamp_ns == seconds * 10**9 + 9, "the roll")

@@ -10,12 +10,11 @@ import numpy as np
 from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image, Imu, PointCloud2, Range
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from uuv_optical_array.core.geometry import DOF_NAMES, Array, covariance_6x6
+from uuv_optical_array.core.geometry import Array, covariance_6x6
 from uuv_optical_array.core.messages import (
     FOLLOWER_FRAME,
     ROLL_STD_RAD,
@@ -33,11 +32,18 @@ from uuv_optical_array.estimation.signature.features import FeatureSettings
 from uuv_optical_array.estimation.signature.plausibility import check_image
 from uuv_optical_array.estimation.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.estimation.tracking.ranges import LEAST_M, MAX_STD_M
-from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import RangeUse, Track, relative_odometry
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.nodes.estimator.figures import (
+    figures,
+    figures_of_track,
+    table_margin,
+    words_of,
+)
+from uuv_optical_array.nodes.estimator.follower_roll import FollowerRoll
+from uuv_optical_array.nodes.estimator.image_inputs import ImageInputs
 from uuv_optical_array.nodes.shared import markers, messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.node import (
@@ -46,7 +52,6 @@ from uuv_optical_array.nodes.shared.node import (
     run,
     subscribe,
     transform_publisher,
-    unsubscribe,
 )
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
 from uuv_optical_array.nodes.shared.rest import Rest
@@ -90,10 +95,7 @@ PARAMETERS = {
 # What needs a new estimator, and what a new track.
 OF_ESTIMATOR = {"table", *parameters_of(EstimatorSettings)}
 OF_TRACKER = {"tracking", *parameters_of(TrackerSettings)}
-# A vehicle that rights itself keeps its roll so well while its IMU is silent, and at least.
-ROLL_DRIFT_RAD_PER_S, MOST_ROLL_RAD = 0.05, 0.2
 FIT: Method = "least_squares"
-WAITING = 20  # stamps of which only the image or only the key parameters have come
 
 
 class EstimatorNode(Node):
@@ -127,10 +129,10 @@ class EstimatorNode(Node):
         self.rest = Rest(self if hand_over is None else None)
         self.diagnostics = Diagnostics(self, self.state)
         self.fits: bool | None = None  # whether images are answered by themselves; None: not yet
-        self.inputs: list[Subscription] = []  # of images and key parameters
-        self.waiting: dict[int, dict[str, Any]] = {}
+        images, refuse = self.parameters["use_image"], self.diagnostics.refuse
+        self.inputs = ImageInputs(self, images, self.on_message, self.unpack, refuse)
         self.state_of_fit = ""
-        self.roll_ns, self.roll_rad, self.roll_lost = 0, 0.0, ""
+        self.roll = FollowerRoll(by_imu=self.parameters["use_imu"])
         self.source: Scene | SignatureTable = self.scene  # of the next estimator
         self.pipeline: Pipeline | None = None  # none while its table cannot be read
         self.poses = publish(self, PoseWithCovarianceStamped, "relative_pose")
@@ -176,26 +178,12 @@ class EstimatorNode(Node):
         """Take what a method needs of image and key parameters, and no more; or ValueError."""
         if self.fits == (method == FIT):
             return
-        fits, before = method == FIT, self.inputs
-        try:
-            self.inputs = [] if self.hand_over else self.listening(fits)
-        except RuntimeError as error:  # as where ROS is secured
-            raise ValueError(f"method: {method} reads other topics: {error}") from None
-        for each in before:
-            unsubscribe(self, each)
-        self.fits = fits
-        self.waiting.clear()
-
-    def listening(self, fits: bool) -> list[Subscription]:
-        """Subscribe to images alone, or to key parameters and, where it is told, to images."""
-        ears, joined, take = [], self.parameters["use_image"], self.on_message
-        if not fits:
-            unpack = partial(self.join, "features") if joined else self.unpack
-            ears = [subscribe(self, PointCloud2, "array/features", unpack, newest=joined)]
-            take = partial(self.join, "image")
-        if joined:
-            ears.append(subscribe(self, Image, "array/image", take, newest=fits))
-        return ears
+        if self.hand_over is None:
+            try:
+                self.inputs.listen(alone=method == FIT)
+            except RuntimeError as error:  # as where ROS is secured
+                raise ValueError(f"method: {method} reads other topics: {error}") from None
+        self.fits = method == FIT
 
     def place_beacon(self) -> None:
         """Publish once where the lamp is on the leader, so that the frames are one tree."""
@@ -245,18 +233,6 @@ class EstimatorNode(Node):
             least = light.min_peak_counts if self.fits else 0.0
             self.pipeline.least_counts = self.scene.black_counts + least
 
-    def join(self, name: str, message: PointCloud2 | Image) -> None:
-        """Answer when key parameters and image of a stamp are there; the oldest stamps leave."""
-        stamp = stamp_ns(message.header)
-        pair = self.waiting.setdefault(stamp, {})
-        pair[name] = message
-        if len(pair) == 2:
-            self.unpack(**self.waiting.pop(stamp))
-        elif len(self.waiting) > WAITING:
-            left = self.waiting.pop(next(iter(self.waiting)))
-            if "features" in left:
-                self.diagnostics.refuse("no image: array/image has none with the features' stamp")
-
     def unpack(self, features: PointCloud2, image: Image | None = None) -> None:
         """Answer key parameters and their image where they belong together."""
         with self.diagnostics.refusing():
@@ -279,8 +255,7 @@ class EstimatorNode(Node):
     def on_imu(self, message: Imu) -> None:
         """Keep the follower's roll."""
         with self.diagnostics.refusing("imu"):
-            self.roll_rad = messages.imu_roll(message)
-            self.roll_ns = stamp_ns(message.header)
+            self.roll.take(message)
 
     def on_command(self, message: TwistStamped) -> None:
         """Tell the tracker how the follower moves by itself."""
@@ -296,27 +271,6 @@ class EstimatorNode(Node):
             self.range_order.check(message.header, self.get_clock().now().nanoseconds)
             if self.pipeline is not None:
                 self.pipeline.range(stamp_ns(message.header) + self.shift_ns, *measured)
-
-    def roll_at(self, header: Header) -> tuple[float, float]:
-        """Return the follower's roll when an image was taken, and its standard deviation, rad.
-
-        While the IMU is silent its last roll is taken, ever less certain.
-        """
-        std = self.parameters["roll_std_rad"]
-        self.roll_lost = ""
-        if not self.parameters["use_imu"]:
-            return 0.0, std
-        if not self.roll_ns:
-            raise Refused("no roll: no imu message has come")
-        age_s = abs(stamp_ns(header) - self.roll_ns) * 1e-9
-        if age_s > self.parameters["max_imu_age_s"]:
-            std = math.hypot(std, min(ROLL_DRIFT_RAD_PER_S * age_s, MOST_ROLL_RAD))
-            self.roll_lost = (
-                f"no roll: the last imu message is {age_s:.3g} s from the image, more than "
-                f"max_imu_age_s of {self.parameters['max_imu_age_s']:g} s; its roll is taken to "
-                f"hold, within {std:.2g} rad"
-            )
-        return self.roll_rad, std
 
     def on_image(self, header: Header, image: Array) -> None:
         """Publish the pose of an image, counts, or say why not."""
@@ -335,8 +289,9 @@ class EstimatorNode(Node):
         self.rest.finish()
         if self.pipeline is None:
             raise Refused("no table: see the error")
-        roll, roll_std = self.roll_at(header)
-        buffer_s, reset_s = (self.parameters[name] for name in ("buffer_s", "reset_after_s"))
+        told = self.parameters
+        roll, roll_std = self.roll.at(header, told["roll_std_rad"], told["max_imu_age_s"])
+        buffer_s, reset_s = told["buffer_s"], told["reset_after_s"]
         if self.order.set_back(header, round(buffer_s * 1e9)):
             # However far: else the track would wait for the new clock to catch up with the old.
             self.shift_ns -= round((buffer_s + reset_s) * 1e9)
@@ -363,7 +318,7 @@ class EstimatorNode(Node):
         """Publish what else there is of a pose that is out: track, leader, transform, figures."""
         header, track = pose.header, pipeline.track(roll)
         mismatch = f"mismatch: {track.mismatch}" if track and track.mismatch else ""
-        self.diagnostics.warn(estimate.fault, mismatch, self.roll_lost)
+        self.diagnostics.warn(estimate.fault, mismatch, self.roll.lost)
         if self.leaders.heard or self.below_base:
             own = Header(stamp=header.stamp, frame_id=self.base_frame)
             leader = messages.inverse_to_message((track or estimate).pose, own, roll)
@@ -378,6 +333,15 @@ class EstimatorNode(Node):
         self.diagnostics.answer(
             stamp_ns(header), lambda: self.figures(pipeline.estimator, estimate, track)
         )
+
+    def figures(
+        self, estimator: Estimator, estimate: Estimate, track: Track | None
+    ) -> dict[str, str]:
+        """Return what the diagnostics show of an answer, and of what its track knows."""
+        shown = {"table_margin": table_margin(self.extent, estimate.pose)} | figures(estimate)
+        if track is not None:
+            shown |= figures_of_track(self.model, estimator.constants, track)
+        return shown
 
     def tell_of_range(self, use: RangeUse | None) -> None:
         """Refuse a range that the track refused, once."""
@@ -407,51 +371,6 @@ class EstimatorNode(Node):
         self.tracks.publish(message)
         if self.hand_over is not None:
             self.hand_over(message)
-
-    def figures(
-        self, estimator: Estimator, estimate: Estimate, track: Track | None
-    ) -> dict[str, str]:
-        """Return what the diagnostics show of an answer, and of what its track knows."""
-        shown = {"table_margin": self.margin(estimate.pose)} | figures(estimate)
-        if track is not None:
-            shown["own_motion"] = track.own_motion
-            if track.range is not None:
-                shown["range"] = words_of(track.range)
-            for name, known in track.constants.items():
-                shown[f"learnt_{name}"] = f"{known.mean:+.3g} +- {known.std:.2g}"
-            for change in scene_changes(self.model, estimator.constants, track.constants):
-                shown[f"scene_{change.key}"] = change.text
-        return shown
-
-    def margin(self, pose: Array) -> str:
-        """Say how far inside of the table a pose is: 1 in its middle, 0 at its edge, < 0 beyond."""
-        low, high = self.extent
-        span = np.where(high > low, high - low, np.inf)  # an axis of one value has no edge
-        inside = 1 - np.abs(2 * pose - low - high) / span
-        return f"{inside.min():.2f} ({DOF_NAMES[inside.argmin()]})"
-
-
-def words_of(use: RangeUse) -> str:
-    """Say what the track made of a range."""
-    made = f"refused, {use.refused} in a row" if use.refused else "used"
-    stds = abs(use.off_m) / use.std_m
-    return f"{use.off_m:+.2f} m off the track, {stds:.1f} standard deviations; {made}"
-
-
-def figures(estimate: Estimate) -> dict[str, str]:
-    """Return what the diagnostics show of an estimate."""
-    shown = {
-        "angle_rad": f"{estimate.angle_rad:.4f}",
-        "runner_up_angle_rad": f"{estimate.runner_up_angle_rad:.4f}",
-    }
-    if estimate.unobservable:
-        shown["unobservable"] = ", ".join(estimate.unobservable)
-    for name in ("misfit", "runner_up_misfit"):
-        if not math.isnan(value := getattr(estimate, name)):
-            shown[name] = f"{value:.3g}"
-    for name, variance in zip(DOF_NAMES, estimate.covariance.diagonal(), strict=True):
-        shown[f"std_{name}"] = f"{math.sqrt(variance):.3f}"
-    return shown
 
 
 main = partial(run, EstimatorNode)

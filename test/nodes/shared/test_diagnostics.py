@@ -12,7 +12,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
 from uuv_optical_array.estimation.estimator import Estimate
-from uuv_optical_array.nodes.estimator_node import figures
+from uuv_optical_array.nodes.estimator.figures import figures
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
 from uuv_optical_array.nodes.shared import diagnostics

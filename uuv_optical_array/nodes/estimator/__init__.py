@@ -1,0 +1,1 @@
+"""What the estimator node is made of: what it reads, and what it shows."""

@@ -10,6 +10,7 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import Estimate, Estimator
 from uuv_optical_array.estimation.signature.features import FeatureSettings, no_pattern
 from uuv_optical_array.estimation.signature.plausibility import FrozenFrames
+from uuv_optical_array.estimation.tracking.doubted_detectors import DoubtedDetectors
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import POSE, Track
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -73,6 +74,7 @@ class Pipeline:
         """Begin a new track with these settings, or do without one."""
         constants = self.estimator.constants
         self.tracker = None if tracking is None else Tracker(tracking, constants=constants)
+        self._doubted = DoubtedDetectors()
 
     def command(self, stamp_ns: int, linear: Array, angular: Array) -> None:
         """Tell the tracker how the follower is commanded to move from a stamp on, ns.
@@ -130,11 +132,22 @@ class Pipeline:
             if estimate.readings is None or image is None:
                 newest = self.tracker.take(*frame, shaded=1 - estimate.clear)
             else:  # by its readings, which are as good as linear
-                near = self.estimator.lineariser(estimate, image, roll)
-                newest = self.tracker.take(*frame, estimate.readings, near)
+                used = self._trusted(stamp_ns, estimate)
+                near = self.estimator.lineariser(used, image, roll)
+                newest = self.tracker.take(*frame, used.readings, near)
             if newest != stamp_ns:
                 raise NoPose("late frame: it entered the track, whose newer pose is out")
         return estimate
+
+    def _trusted(self, stamp_ns: int, estimate: Estimate) -> Estimate:
+        """Return an estimate whose readings are believed as far as those of the images before."""
+        if estimate.readings is None or estimate.believed is None:
+            return estimate
+        trust = self._doubted.trust(stamp_ns, estimate.believed)
+        if trust is None:
+            return estimate
+        readings = estimate.readings.believed(trust)
+        return estimate._replace(readings=readings, believed=trust * estimate.believed)
 
     def track(self, roll: float = 0.0) -> Track | None:
         """Return the track at its newest frame, in which the follower had a roll, rad.

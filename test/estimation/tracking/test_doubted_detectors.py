@@ -1,0 +1,55 @@
+"""What a track's images do not believe is hardly believed by those after, for long."""
+
+import math
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.pipeline import Pipeline
+from uuv_optical_array.estimation.tracking.doubted_detectors import DoubtedDetectors
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+
+SECOND_NS = 10**9
+
+
+def believed(**doubts):
+    weights = np.ones(4)
+    for place, doubt in doubts.items():
+        weights[int(place[1:])] = 1 - doubt
+    return weights
+
+
+def test_a_doubt_fades_within_half_a_minute_and_a_new_one_counts_at_once():
+    doubted = DoubtedDetectors()
+    assert doubted.trust(0, believed()) is None
+    assert doubted.trust(SECOND_NS, believed(_1=0.9)) is None  # it is known by the image itself
+    faded = 0.9 * math.exp(-0.1)
+    np.testing.assert_allclose(doubted.trust(4 * SECOND_NS, believed(_2=0.5)), [1, 1 - faded, 1, 1])
+    both = [1, 1 - faded * math.exp(-0.2), 1 - 0.5 * math.exp(-0.2), 1]
+    np.testing.assert_allclose(doubted.trust(10 * SECOND_NS, believed()), both)
+    assert doubted.trust(1000 * SECOND_NS, believed()) is not None
+    assert doubted.trust(1001 * SECOND_NS, believed()) is None  # all is forgotten
+
+
+@pytest.mark.parametrize("dirty", [True, False])
+def test_a_track_is_not_misled_by_dirt_that_some_images_do_not_tell(dirty, compiled_fit):
+    """From afar one of two dirty detectors is told by one image of four."""
+    estimator = Estimator(load_scene("follow")).wait()
+    pipeline, model, rng = (
+        Pipeline(estimator),
+        ForwardModel(estimator.scene),
+        np.random.default_rng(4),
+    )
+    worst = 0.0
+    for i in range(150):
+        pose = np.array([-7.5 + 0.02 * i, 0.1 * math.sin(0.05 * i), 0.0, 0.02, -0.02])
+        light = model.light(pose)
+        if dirty:
+            light[[0, 4], [4, 1]] *= 0.8
+        track = pipeline.answer(i * SECOND_NS // 5, model.read(light, rng)).track
+        if track is not None and i > 50:
+            off = np.abs(track.pose - pose) / np.sqrt(track.covariance.diagonal())
+            worst = max(worst, off.max())
+    assert worst < 6

@@ -24,7 +24,7 @@ COMMANDS = {
 STUDIES = {
     name: import_module(f"uuv_optical_array.studies.{name}")
     for name in (
-        *("accuracy", "robustness", "envelope", "drives", "transport"),
+        *("accuracy", "robustness", "lasting", "envelope", "drives", "transport"),
         *("measured", "tradeoff", "design", "paper", "approach"),
     )
 }

@@ -59,12 +59,27 @@ hypothesis.settings.load_profile("same")
 DOMAIN = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
 
 
+def domains_in_use():
+    """Return the ROS domains that processes of this machine were started in.
+
+    A run that is killed frees its claim, and may leave nodes that go on answering.
+    """
+    found = set()
+    for variables in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):  # it has ended, or is another user's
+            found |= {*re.findall(rb"(?:^|\0)ROS_DOMAIN_ID=(\d+)", variables.read_bytes())}
+    return {int(domain) for domain in found}
+
+
 def free_domain():
     """Claim a ROS domain for as long as this process lives, against any other test run.
 
     The claim is an abstract socket: the kernel lets one process have it, and leaves no file.
     """
+    used = domains_in_use()
     for domain in range(1, 102):
+        if domain in used:
+            continue
         try:
             DOMAIN.bind(f"\0uuv_optical_array_test_{domain}")
         except OSError:

@@ -46,6 +46,7 @@ class Fleet(Probe):
         )
 
     def on_image(self, message):
+        assert stamp_ns(message.header) not in self.images, "two simulators are on this domain"
         image = np.frombuffer(message.data, "<u2").reshape(message.height, message.width)
         self.images[stamp_ns(message.header)] = image
 

@@ -40,12 +40,14 @@ class Belief(NamedTuple):
 
     - mean, covariance: shapes ``(10 + k,)`` and ``(10 + k, 10 + k)``.
     - range, ranged_ns: what was made of the last range; stamp of the last one that was used, ns.
+    - unlike: how many frames in a row, up to the last with readings, the biases did not explain.
     """
 
     mean: Array
     covariance: Array
     range: RangeUse | None = None
     ranged_ns: int = LONG_AGO_NS
+    unlike: int = 0
 
 
 class Learnt(NamedTuple):

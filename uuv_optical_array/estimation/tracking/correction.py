@@ -6,6 +6,10 @@ Slopes at its end have the noise of the readings that they weigh, those at its b
 the curvature of the light: either biases what is learnt, the same in each frame. That way is the
 one of the five numbers that depend on the pose.
 
+What readings say of the biases alone has to be what these let expect. An image that is not of the
+scene, as that of two lamps, may well agree with the pose, and would teach what hours do not undo:
+it changes nothing.
+
 A pose without readings is an observation of the pose itself. Its errors are noise, but for a share
 that all frames have in common, which stays out of the belief; those of uneven light count for less.
 """
@@ -17,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack, solve_triangular
+from scipy.special import chdtri
 
 from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.core.numerics.linear_algebra import orthonormal, solve, triangular_factor
@@ -42,6 +47,9 @@ BROAD_SHARE = 0.75
 # Poses of unevenly lit frames err alike: they count as one in so long a time, s. Where the scene
 # does not name what shades them it may be anything, and their variance counts so many times.
 UNEVEN_S, UNNAMED_DOUBT = 0.7, 7.0
+# Chance that the scene leaves what readings say of the biases. That light is not linear and that
+# detectors of a block differ leave distances a tenth longer than those of a chance of 1e-4.
+UNLIKE = 1e-9
 # Place of the second linearisation, as a share of the correction: there the biases by noise and by
 # curvature are least in drives of 20 minutes through seas drawn from the prior.
 RELINEARISE_AT = 0.25
@@ -161,7 +169,10 @@ class Correction:
                     near = frame.relinearise(coordinates.place(at)[0])
                     used = stacked(checked_readings(near, self._constants))
             # Turned so that each number depends on one error fewer than the one before it.
-            return self._curved(learn(before, self._observation(triangular_factor(used))))
+            turned = self._observation(triangular_factor(used))
+            if not self._explained(before, turned):
+                return belief._replace(unlike=belief.unlike + 1)
+            return self._curved(learn(before, turned))._replace(unlike=0)
 
         return Corrected(Deferred(finished), distance, cost)
 
@@ -181,6 +192,15 @@ class Correction:
     def _observation(self, turned: Array) -> Observation:
         """Return what readings say, by combinations of the rows of `_stacked`."""
         return Observation(turned[:, -1], turned[:, :-1] @ self._space.by_state)
+
+    def _explained(self, belief: Belief, turned: Observation) -> bool:
+        """Say whether biases let expect what readings say of them, whatever the pose."""
+        others = slice(5, 5 + self._space.learnt)
+        of_biases = Observation(turned.innovation[others], turned.slopes[others])
+        count = len(of_biases.innovation)
+        if not count:
+            return True
+        return weigh(belief.covariance, of_biases).distance ** 2 <= chdtri(count, UNLIKE)
 
     def _straight(self, belief: Belief) -> Belief:
         """Return a belief with the pose in straight coordinates."""

@@ -10,7 +10,8 @@
   with Applications to Tracking and Navigation*, 2001, ch. 11). If no event explains it while the
   commands are obeyed, they are taken not to be.
 - A frame whose Mahalanobis distance is beyond the gate in any case is an **outlier**. The last of
-  so many in a row begins the track anew, which then knows nothing of the constants.
+  so many in a row begins the track anew, which then knows nothing of the constants. So does the
+  frame after as many whose readings agree with the pose, and not with what is known of the biases.
 
 Poses without readings do not say which part of their errors the constants make. So a track that
 began with readings leaves them out, unless uneven light is why there are none; one of poses begins
@@ -123,6 +124,8 @@ class FrameFilter:
         """Return the state after a later frame: in the track, without it, or in a new one."""
         if frame.stamp_ns - state.taken_ns > self._reset_ns:
             return self.begun(frame, state)
+        if state.corrected().unlike >= self._settings.reacquire_frames:
+            return self.begun(frame, None)
         fused = self._fused(state, frame)
         if fused.distance <= self.gate:
             return fused if fused.by_readings == state.by_readings else self.begun(frame, state)

@@ -11,6 +11,7 @@ from scipy.linalg import block_diag, null_space, orth
 from tracks import NOISE, OPEN, START_NS, STATION, TENTH_NS, assert_same, motion
 
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
+from uuv_optical_array.estimation.tracking import filter
 from uuv_optical_array.estimation.tracking.filter import POSE_STD
 from uuv_optical_array.estimation.tracking.motion import RATE_STD
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
@@ -132,6 +133,71 @@ def assert_is(track, mean, covariance):
     np.testing.assert_allclose(track.gains, biases[2:], **near)
     turn = [*covariance[:5] @ parts[1], spread[1, 1]]  # of the roll with the pose
     np.testing.assert_allclose(track.turn, turn, **near)
+
+
+def of_another_scene(readings):
+    """Return readings that agree with the pose, and not with any likely constants and gains."""
+    by_pose, _, _, errors = by_state(readings)
+    white = 1 / np.sqrt(errors.diagonal())
+    away = null_space((white[:, None] * by_pose).T)[:, 0] / white
+    residuals = readings.residuals.copy()
+    residuals[np.isfinite(readings.variances)] += 1000 * away
+    return readings._replace(residuals=residuals)
+
+
+def assert_alike(track, other):
+    """Compare two tracks of which one has another step between its frames."""
+    np.testing.assert_allclose(track.pose, other.pose, rtol=1e-9)
+    np.testing.assert_allclose(track.joint_covariance, other.joint_covariance, rtol=1e-6)
+    np.testing.assert_allclose(track.gains, other.gains, atol=1e-9)
+    for name in NAMES:
+        np.testing.assert_allclose(track.constants[name], other.constants[name], atol=1e-9)
+
+
+def test_readings_that_no_constants_explain_teach_nothing(monkeypatch):
+    monkeypatch.setattr(filter, "SHARES", {"usual": 1.0})  # of what may happen to the motion
+    stamps, readings = frames(5, 25)
+    with_it, without = (Tracker(DRIFTING, constants=constants(25)) for _ in range(2))
+    fed(without, stamps[:5] + stamps[6:], readings[:5] + readings[6:])
+    fed(with_it, stamps[:6], [*readings[:5], of_another_scene(readings[5])])
+    assert_alike(fed(with_it, stamps[6:], readings[6:]), without.track())
+
+
+def test_after_as_many_as_outliers_the_track_begins_anew():
+    settings = dataclasses.replace(DRIFTING, reacquire_frames=3)
+    stamps, readings = frames(6, 25, 8)
+    whole, anew = (Tracker(settings, constants=constants(25)) for _ in range(2))
+    false = [of_another_scene(each) for each in readings[2:5]]
+    fed(whole, stamps[:5], [*readings[:2], *false])
+    fed(anew, stamps[5:], readings[5:])
+    track = fed(whole, stamps[5:], readings[5:])
+    assert track.frames == 3
+    assert_alike(track, anew.track())
+
+
+def test_only_frames_in_a_row_that_no_constants_explain_begin_the_track_anew():
+    settings = dataclasses.replace(DRIFTING, reacquire_frames=3)
+    stamps, readings = frames(6, 25, 6)
+    for place in (1, 2, 4):
+        readings[place] = of_another_scene(readings[place])
+    assert fed(Tracker(settings, constants=constants(25)), stamps, readings).frames == 6
+
+
+def test_a_track_begins_with_readings_as_they_are():
+    stamps, readings = frames(6, 25)
+    tracker = Tracker(DRIFTING, constants=constants(25))
+    track = fed(tracker, stamps[:1], [of_another_scene(readings[0])])
+    assert (track.covariance.diagonal() < 1.0).all()
+
+
+def test_readings_of_which_many_tell_of_no_constant_teach_as_others_do():
+    """400 detectors have 49 gains; the noise of the others adds up."""
+    stamps, readings = frames(7, 400)
+    tracker = Tracker(DRIFTING, constants=constants(400))
+    begun = fed(tracker, stamps[:1], readings[:1])
+    track = fed(tracker, stamps[1:], readings[1:])
+    for name in NAMES:
+        assert track.constants[name].std < begun.constants[name].std
 
 
 @pytest.mark.parametrize(("seed", "detectors"), [(0, 9), (1, 9), (2, 49)])

@@ -119,7 +119,8 @@ class Correction:
             mean[POSE] = frame.readings.at[:5]
             # Linear at their best fit: far from it, as at the prior's constants, they mislead.
             as_fitted = frame._replace(relinearise=None)
-            return self._by_readings(belief._replace(mean=mean), as_fitted, frame.readings).belief()
+            begun = self._by_readings(belief._replace(mean=mean), as_fitted, frame.readings, True)
+            return begun.belief()
         root = self._white_root(frame, math.inf)
         mean[POSE], covariance[POSE, POSE] = frame.pose, root @ root.T
         return belief._replace(mean=mean, covariance=covariance)
@@ -140,9 +141,16 @@ class Correction:
         return math.sqrt(variance) * frame.root
 
     def _by_readings(
-        self, belief: Belief, frame: Measurement, readings: LinearisedReadings
+        self,
+        belief: Belief,
+        frame: Measurement,
+        readings: LinearisedReadings,
+        begins: bool = False,
     ) -> Corrected:
-        """Weigh a frame by its readings; the belief that they correct is left for later."""
+        """Weigh a frame by its readings; the belief that they correct is left for later.
+
+        One that `begins` a track is believed, as its fit was.
+        """
         before, coordinates = self._straight(belief), self._coordinates
         expected, constants = before.mean[POSE], self._space.offsets(belief)
 
@@ -170,7 +178,7 @@ class Correction:
                     used = stacked(checked_readings(near, self._constants))
             # Turned so that each number depends on one error fewer than the one before it.
             turned = self._observation(triangular_factor(used))
-            if not self._explained(before, turned):
+            if not (begins or self._explained(before, turned)):
                 return belief._replace(unlike=belief.unlike + 1)
             return self._curved(learn(before, turned))._replace(unlike=0)
 

@@ -1,5 +1,7 @@
 """By how much the clocks of images and poses differ."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from scenes import changed
@@ -134,6 +136,25 @@ def test_rates_are_those_of_the_course_at_its_ends_too():
 
     recording = Recording(np.zeros((10, 5, 5)), *poses_at(stamps), stamps, poses_at=poses_at)
     np.testing.assert_allclose(rates_of(recording).rates, np.tile(rate, (10, 1)), rtol=1e-6)
+
+
+def test_it_is_fitted_anew_until_a_step_is_a_tenth_of_its_standard_error():
+    """By a stand-in for a fit, each of whose steps leaves a tenth of what the offset is off."""
+
+    class Found(NamedTuple):
+        clock: tuple[float, float]
+
+    recording, fits, true_s = drive(0.0), [], 0.05
+
+    def fit(moved):
+        fits.append(Found((0.9 * (true_s - moved.offset_s), 0.004)))
+        return fits[-1]
+
+    _, found, clock = synchronised(recording, fit)
+    np.testing.assert_allclose([f.clock[0] for f in fits], [0.045, 4.5e-3, 4.5e-4, 4.5e-5])
+    assert found is fits[-1]
+    assert clock.offset_s == pytest.approx(0.04995)
+    assert clock.applied
 
 
 def test_clocks_that_agree_leave_a_calibration_as_it_is():

@@ -63,6 +63,13 @@ def test_an_instant_after_the_last_pose_is_too_early_and_answers_later():
     assert not issubclass(TooEarly, LookupError)
 
 
+def test_of_two_poses_of_one_instant_the_later_counts():
+    trajectory = record((0, np.zeros(3), LEVEL), (10, np.ones(3), LEVEL))
+    trajectory.add(10, np.full(3, 4.0), LEVEL)
+    np.testing.assert_allclose(trajectory.at(10)[0], [4.0] * 3)
+    np.testing.assert_allclose(trajectory.at(5)[0], [2.0] * 3)
+
+
 def test_an_instant_before_the_first_pose_is_refused_also_when_that_was_dropped():
     trajectory = Trajectory(max_gap_s=1.0, length=3)
     for stamp in range(0, 50, 10):

@@ -46,6 +46,16 @@ def test_a_radius_that_does_not_fit_is_refused_by_name(given_settings, words):
         assert word in str(refusal.value)
 
 
+@pytest.mark.parametrize("width", [0.4, 0.2, 1.0])
+def test_a_plane_that_becomes_a_sphere_is_as_curved_as_the_papers(width):
+    """Eren et al. (2016) have a radius of 0.32 m for a width of 0.4 m."""
+    flat = ArraySettings("planar", 5, width)
+    sphere = flat.with_shape("curved")
+    assert sphere.radius_m == pytest.approx(0.8 * width)
+    assert sphere.with_shape("curved") == sphere
+    assert sphere.with_shape("planar") == flat
+
+
 def test_a_radius_just_large_enough_still_gives_finite_corners():
     width, radius = 5.085561325595337, 3.5960348994685103
     with np.errstate(all="raise"):

@@ -1,5 +1,7 @@
 """Detectors in any layout: their table, and their light beside that of a scene's own array."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scenes import changed, ready
@@ -54,6 +56,15 @@ def test_a_fitted_light_returns_to_the_array_of_its_scene():
     assert back.array == scene.array
     assert back.lamp.reference_counts == pytest.approx(scene.lamp.reference_counts, rel=1e-8)
     assert back.effects["sea"] == scene.effects["sea"]
+
+
+def test_what_is_of_the_array_alone_does_not_come_from_the_detectors():
+    scene = changed("follow", prior={"gain_std": 0.004, "radius_std": 0.03})
+    one = Detectors(("a",), np.zeros((1, 3)), np.array([[1.0, 0, 0]]), np.ones(1))
+    fitted = layout_of(scene, one).scene
+    prior = dataclasses.replace(fitted.prior, gain_std=0.02, lamp_power_std=0.07)
+    back = on_array_of(scene, dataclasses.replace(fitted, prior=prior)).prior
+    assert (back.gain_std, back.radius_std, back.lamp_power_std) == (0.004, 0.03, 0.07)
 
 
 def test_a_table_of_detectors_is_read_as_it_was_written(tmp_path):

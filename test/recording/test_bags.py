@@ -214,3 +214,12 @@ def test_of_a_damaged_summary_nothing_is_believed(own, tmp_path):
     (tmp_path / "own.mcap").write_bytes(content)
     lost = {"the end of own.mcap, which is cut off or damaged": 1}
     assert read(tmp_path / "own.mcap") == (list(range(9)), lost)
+
+
+def test_a_summary_that_is_said_to_begin_beyond_the_end_is_none(own, tmp_path):
+    folder, _ = own
+    content = bytearray((folder / "own.mcap").read_bytes())
+    content[-28:-20] = b"\xff" * 8
+    (tmp_path / "own.mcap").write_bytes(content)
+    lost = {"the end of own.mcap, which is cut off or damaged": 1}
+    assert read(tmp_path / "own.mcap") == (list(range(9)), lost)

@@ -82,6 +82,13 @@ def test_every_image_is_answered_in_order_from_two_processes_as_by_the_estimator
             assert squared_error(frame.estimate, poses[i]) < 40
 
 
+def test_a_command_of_an_images_own_stamp_holds_for_it(drive, estimator):
+    _, stamps, images = drive
+    commands = [(int(stamps[1]), np.array([0.3, 0.0, 0.0]), np.zeros(3))]
+    frames = replay(images[:3], stamps[:3], estimator, TrackerSettings(), commands=commands)
+    assert [frame.track.own_motion for frame in frames] == ["not told", "told", "told"]
+
+
 def test_the_nodes_say_the_same_of_the_same_images(lab, drive, compiled_fit, tmp_path):
     """Poses and tracks in a scene that learns, and of which images there are none."""
     _, stamps, images = drive

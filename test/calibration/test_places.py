@@ -186,6 +186,8 @@ def test_an_error_of_places_is_said_by_its_kind():
     rng = np.random.default_rng(1)
     told, noise = rng.uniform(-1, 1, 40), 0.01 * rng.standard_normal(40)
     assert in_words(1, told, 0.3 + noise) == "all are off by y +0.3 m"
+    elsewhere = np.where(np.arange(40) == 7, 5.0, 0.3 + noise)  # one of another pose
+    assert in_words(1, told, elsewhere) == "all are off by y +0.3 m"
     assert in_words(1, told, -2 * told + noise) == "y is -1.00 times what is told"
     assert in_words(3, told, np.radians(20) * rng.choice([-1.0, 1.0], 40)).startswith(
         "pitch is off by 20 deg rms"

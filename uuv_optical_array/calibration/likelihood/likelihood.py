@@ -126,13 +126,13 @@ class CalibrationLikelihood(ExpectedLight):
             used = self.used[part]
             score, weight = score * used, weight * used
             cost -= float(values[used].sum())
-            lamp = slopes[..., POSE:]
-            weighted = lamp * weight[..., None]
+            lamp = slopes[..., POSE:].reshape(-1, first)
+            weighted = lamp * weight.reshape(-1, 1)
             own = mean[part]  # the slope by the logarithm of the gain
-            gradient[:first] += np.einsum("mn,mni->i", score, lamp)
+            gradient[:first] += score.ravel() @ lamp
             gradient[first:] += self._by_detector((score * own).sum(axis=0))
-            joint[:first, :first] += np.einsum("mni,mnj->ij", weighted, lamp)
-            crossed = np.einsum("mni,mn->ni", weighted, own)
+            joint[:first, :first] += weighted.T @ lamp
+            crossed = np.einsum("mni,mn->ni", weighted.reshape(*own.shape, first), own)
             joint[:first, first:] += self._by_detector(crossed).T
             joint[diagonal, diagonal] += self._by_detector((weight * own**2).sum(axis=0))
             if free:
@@ -147,8 +147,9 @@ class CalibrationLikelihood(ExpectedLight):
             shift_step = np.einsum("mij,mj->mi", inverse, pull)
             shift_decrement = 0.5 * float((pull * shift_step).sum())
             by_parameters = -inverse @ np.swapaxes(cross, 1, 2)
-            gradient -= np.einsum("mpi,mi->p", cross, shift_step)
-            joint += np.swapaxes(cross, 0, 1).reshape(size, -1) @ by_parameters.reshape(-1, size)
+            crossed = np.swapaxes(cross, 0, 1).reshape(size, -1)
+            gradient -= crossed @ shift_step.ravel()
+            joint += crossed @ by_parameters.reshape(-1, size)
         off = parameters[self.taped] - self._of_model[self.taped]
         cost += 0.5 * float((off**2).sum()) / self.tape_std_m**2
         gradient[self.taped] -= off / self.tape_std_m**2

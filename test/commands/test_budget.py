@@ -13,6 +13,7 @@ from scipy.integrate import quad
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.commands import budget
 from uuv_optical_array.commands.limits import aligned, reach
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.tolerances import tolerances
@@ -147,6 +148,18 @@ def test_more_counts_than_a_scene_takes_are_refused(tmp_path):
     )
     assert "would read 1.32e+07 counts" in line
     assert "change the feedback resistor or the lamp" in line
+
+
+@pytest.mark.parametrize("apart", ["y_m", "z_m"])
+def test_across_and_angle_are_the_worse_of_two(apart):
+    """Of two lamps side by side, or one above the other, which tell one axis better."""
+    lamps = [{"y_m": 0.0, "z_m": 0.0, apart: place} for place in (-0.3, 0.3)]
+    scene = changed("leading_lights", lamps=lamps)
+    _, y, z, pitch, yaw = cramer_rao_bound(ForwardModel(scene), aligned([5.0])).std[0]
+    assert (y < 0.95 * z and yaw < 0.95 * pitch) == (apart == "y_m")
+    ((_, _, _, across, angle),) = budget.rows(scene, [5.0])
+    assert across == pytest.approx(max(y, z))
+    assert angle == pytest.approx(math.degrees(max(pitch, yaw)))
 
 
 def test_errors_of_building_move_a_fit_as_told():

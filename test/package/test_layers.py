@@ -46,8 +46,7 @@ SOURCES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path.read_text(encoding="utf-8")
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-MODULES = {name: own_imports(source) for name, source in SOURCES.items()}
-FOLDERS = sorted(name.removesuffix("__init__") for name in MODULES if name.endswith("__init__"))
+FOLDERS = sorted(name.removesuffix("__init__") for name in SOURCES if name.endswith("__init__"))
 CORE = [name for name in SOURCES if name.partition(".")[0] not in ("nodes", "commands")]
 # A study has a command; other modules of the folder are its parts, or what studies share.
 STUDIES = {
@@ -55,6 +54,12 @@ STUDIES = {
     for name, source in SOURCES.items()
     if name.startswith("studies.") and "def add_options(" in source
 }
+
+
+@cache
+def imported():
+    """Return what each module imports of the package; to parse them all takes seconds."""
+    return {name: own_imports(source) for name, source in SOURCES.items()}
 
 
 def neighbours(modules, folder):
@@ -75,18 +80,18 @@ def test_the_table_of_the_design_has_every_folder():
 @pytest.mark.parametrize("folder", ORDER)
 def test_a_folder_imports_only_from_those_above_it(folder):
     below = set(ORDER[ORDER.index(folder) :])
-    assert not neighbours(MODULES, "")[folder] & below
+    assert not neighbours(imported(), "")[folder] & below
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_the_modules_of_a_folder_import_one_way(folder):
-    TopologicalSorter(neighbours(MODULES, folder)).prepare()
+    TopologicalSorter(neighbours(imported(), folder)).prepare()
 
 
 def test_a_study_imports_no_other():
     assert {"accuracy", "drives", "paper"} <= STUDIES
     assert not STUDIES & {"shared", "mismatches", "docking_smoother"}
-    for study, others in neighbours(MODULES, "studies.").items():
+    for study, others in neighbours(imported(), "studies.").items():
         assert not others & STUDIES, study
 
 
@@ -117,6 +122,6 @@ def test_the_guards_see_every_way_to_import(source, name):
 
 
 def test_a_circle_is_seen():
-    modules = {"a.one": {"a.two.thing"}, "a.two.inner": {"a.one.thing"}}
+    circle = {"a.one": {"a.two.thing"}, "a.two.inner": {"a.one.thing"}}
     with pytest.raises(CycleError):
-        TopologicalSorter(neighbours(modules, "a.")).prepare()
+        TopologicalSorter(neighbours(circle, "a.")).prepare()

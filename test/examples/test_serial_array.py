@@ -1,6 +1,7 @@
 """The example of a serial array: its node, its sender in C, and its emulator."""
 
 import binascii
+import contextlib
 import ctypes
 import importlib.util
 import itertools
@@ -336,13 +337,18 @@ def test_a_socket_whose_other_end_loses_its_power_is_told_and_opened_anew(lab, m
             wire.sendall(b"\0" + sent(3))
             lab.until(lambda: lab.heard, "an image")
             lab.report(node, DiagnosticStatus.ERROR, "no array", "gives nothing for 0.3 s")
-            server.settimeout(20)
-            again, _ = server.accept()
         monkeypatch.setattr(example, "SILENT_S", 1e9)
-        with again:
-            again.sendall(b"\0" + sent(0))
-            lab.until(lambda: len(lab.heard) == 2, "another")
-            lab.report(node, DiagnosticStatus.OK, "1 answered")
+        server.settimeout(0.1)
+
+        def another():
+            # On a busy machine it may have opened and given up others before.
+            with contextlib.suppress(OSError):
+                wires.enter_context(server.accept()[0]).sendall(b"\0" + sent(0))
+            return len(lab.heard) == 2
+
+        with contextlib.ExitStack() as wires:
+            lab.until(another, "another")
+            lab.report(node, DiagnosticStatus.WARN, "no input: nothing came for")
     assert numbers(lab) == [3, 0]
 
 

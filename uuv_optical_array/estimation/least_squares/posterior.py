@@ -11,8 +11,11 @@ standard deviations integrates a Gaussian to 1e-4, and its variance to half a pe
 
 Where the posterior is nearly Gaussian in the attitude, too, nine nodes of Gauss and Hermite's rule
 tell so, and integrate it with a third of the nodes (M. Abramowitz and I. Stegun, *Handbook of
-Mathematical Functions*, 1964, 25.4.46). Laplace's approximation of the whole only serves to compare
-hypotheses: as a covariance it is overconfident by one lamp, most in bright light.
+Mathematical Functions*, 1964, 25.4.46). Where they tell that it is so across its widest direction
+alone, as by the beam of a lamp that dims evenly over a range of angles, that belongs to all else:
+the nodes are a row along the widest direction, which may bend. Laplace's approximation of the whole
+only serves to compare hypotheses: as a covariance it is overconfident by one lamp, most in bright
+light.
 """
 
 import math
@@ -41,6 +44,7 @@ SPACING = 1.6  # of the lattice, in standard deviations at the minimum
 LONGEST = 0.5  # its step, rad: as far as a lattice of attitudes can step and still see anything
 # Logarithm of the posterior over that of a Gaussian, up to which it is nearly one.
 NEARLY = 0.6
+ALONG, CORNERS = 2, 4  # of nine nodes: from where on they are along the widest axis, and in corners
 MINIMUM: Any = np.int64(0)  # the first node; of NumPy's kind, as Numba compiles anew for a literal
 LOG_2PI = math.log(2 * math.pi)
 COARSE = 1.8  # spacing in standard deviations anywhere that asks for a finer lattice
@@ -65,6 +69,7 @@ class Lattice(NamedTuple):
     - slopes: of `logs` by pitch and yaw, shape ``(m, 2)``.
     - curvatures: their negative second derivatives, Gauss-Newton's: pitch, both, yaw, ``(m, 3)``.
     - poses, covariances: of the pose at the attitude, shapes ``(m, 5)`` and ``(m, 5, 5)``.
+    - across: direction in pitch and yaw that belongs to all else, of length one, ``(2,)``; 0: none.
     """
 
     logs: Array
@@ -74,6 +79,7 @@ class Lattice(NamedTuple):
     curvatures: Array
     poses: Array
     covariances: Array
+    across: Array
 
 
 class PosteriorMoments(NamedTuple):
@@ -90,6 +96,12 @@ class PosteriorMoments(NamedTuple):
     nodes: int
 
 
+@law
+def is_row(lattice: Lattice) -> bool:
+    """Say whether the nodes of a lattice are in a row, across which all else is integrated, too."""
+    return bool(lattice.across[0] != 0 or lattice.across[1] != 0)
+
+
 def write_start(lattice: Lattice, node: int, pitch: float, yaw: float, start: Array) -> None:
     """Write where all else is expected at an attitude that is so much off that of a node, rad."""
     moved = lattice.moved[node]
@@ -104,7 +116,8 @@ def write_node(problem: Problem, state: State, lattice: Lattice, node: int) -> N
     for _ in range(CORRECTIONS):
         if not decrement > SETTLED:
             break
-        ahead = evaluate(problem, rest_of_the_way(problem, state, damping))
+        there = lattice.ats[node] if damping == 0 else rest_of_the_way(problem, state, damping)
+        ahead = evaluate(problem, there)
         if ahead.cost - ahead.log_volume < state.cost - state.log_volume:
             state = ahead
             decrement = integrate_rest(problem, state, lattice, node)
@@ -185,11 +198,42 @@ def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) 
         excess = max(excess, abs(pull[i]) / problem.reach[ordered(i, rest)])
     for i in range(rest):
         lattice.ats[node, ordered(i, rest)] += pull[i] / excess
+    # At an attitude the pose follows where the lamp is and how bright.
+    write_covariance(parts, factor, rest, lattice.covariances[node])
+    if is_row(lattice):
+        decrement += integrate_across(problem, parts, lattice, node)
     _, pose, _ = to_lamp(problem.frame, lattice.ats[node], problem.roll)
     for i in range(5):
         lattice.poses[node, i] = pose[i]
-    # At an attitude the pose follows where the lamp is and how bright.
-    write_covariance(parts, factor, rest, lattice.covariances[node])
+    return decrement
+
+
+def integrate_across(problem: Problem, parts: Array, lattice: Lattice, node: int) -> float:
+    """Integrate a node across the row that it is of, as `integrate_rest` does all else."""
+    m, n = lattice.across[0], lattice.across[1]
+    moved, slopes, curvatures = lattice.moved[node], lattice.slopes[node], lattice.curvatures[node]
+    u, v, w = curvatures[0], curvatures[1], curvatures[2]
+    known = m * m * u + 2 * m * n * v + n * n * w
+    ratio = (m * n * (u - w) + (n * n - m * m) * v) / known
+    pull = (m * slopes[0] + n * slopes[1]) / known
+    slope = n * slopes[0] - m * slopes[1] - ratio * pull * known
+    own = n * n * u - 2 * m * n * v + m * m * w - ratio * ratio * known
+    decrement = 0.5 * pull * pull * known
+    lattice.logs[node] += min(decrement, SETTLED) - 0.5 * np.log(known)
+    pull /= max(1.0, abs(pull) / problem.reach[PITCH])
+    turned = zeros(1, 5, known)
+    for i in range(parts.shape[1]):
+        off = m * moved[0, i] + n * moved[1, i]
+        along = n * moved[0, i] - m * moved[1, i] - ratio * off
+        lattice.ats[node, i] += pull * off
+        moved[0, i], moved[1, i] = n * along, -m * along
+        for k in range(5):
+            turned[0, k] += parts[POSE_SLOPES + k, i] * off if i < 5 else 0.0
+    for k in range(5):
+        for i in range(5):
+            lattice.covariances[node, k, i] += turned[0, k] * turned[0, i] / known
+    slopes[0], slopes[1] = n * slope, -m * slope
+    curvatures[0], curvatures[1], curvatures[2] = n * n * own, -m * n * own, m * m * own
     return decrement
 
 
@@ -236,6 +280,8 @@ def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMom
     places, squares = np.empty((most, 2), dtype=np.int64), np.empty((most, 2))
     start = np.empty(lattice.ats.shape[1])
     count, done, overflow = 0, 0, False
+    row = is_row(lattice)
+    ways = 2 if row else 4
     largest = logs[0]
     place_i, place_j = HALF_WIDTH, HALF_WIDTH
     seen[place_i, place_j] = True
@@ -254,12 +300,12 @@ def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMom
             count += 1
         # The next neighbour, of a node that counts, which may count too.
         has_next = False
-        while not has_next and done < 4 * count:
-            parent, way = done // 4, done % 4
+        while not has_next and done < ways * count:
+            parent, way = done // ways, done % ways
             done += 1
             if logs[parent] < largest - NEGLIGIBLE:
                 continue
-            axis, sign = way // 2, 1 - 2 * (way % 2)
+            axis, sign = 1 if row else way // 2, 1 - 2 * (way % 2)
             place_i = places[parent, 0] + (sign if axis == 0 else 0)
             place_j = places[parent, 1] + (sign if axis == 1 else 0)
             edge = 2 * HALF_WIDTH
@@ -298,9 +344,12 @@ def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMom
             if logs[i] > largest - WEIGHTY:
                 coarseness[k] = max(coarseness[k], squares[i, k])
         variance = spread / whole - (middle / whole) ** 2
-        coarseness[k] = max(coarseness[k], 1 / max(variance, 1e-2))
+        if k == 1 or not row:
+            coarseness[k] = max(coarseness[k], 1 / max(variance, 1e-2))
         if overflow:
             coarseness[k] = -1.0
+    if row and count < LEAST_NODES:
+        coarseness[1] = max(coarseness[1], 2 * COARSE * COARSE)
     return moments_of(lattice, logs[:count]), coarseness
 
 
@@ -337,7 +386,8 @@ def by_nine_nodes(
 ) -> PosteriorMoments:
     """Integrate by Gauss and Hermite's rule about the first node.
 
-    Without nodes, and with one left in the lattice, where a logarithm is off by `NEARLY` or more.
+    Where a logarithm is off by `NEARLY` or more the weight is -inf, with the nodes until then, and
+    one is left in the lattice.
     """
     logs, size = np.empty(9), lattice.ats.shape[1]
     start, straight, step = np.empty(size), np.empty(size), np.sqrt(3.0) / SPACING
@@ -366,7 +416,7 @@ def by_nine_nodes(
         if not abs(over) < NEARLY:
             for k in range(1, node + 1):
                 lattice.logs[k] = -np.inf
-            return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
+            return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), node - 1)
         logs[node] = over + np.log((1 if corner else 4) / 36)
     moments = moments_of(lattice, logs)
     log_weight = moments.log_weight + lattice.logs[0] + np.log(2 * np.pi / SPACING**2) + log_cell
@@ -383,6 +433,7 @@ def new_lattice(size: int) -> Lattice:
         np.empty((MOST_NODES, 3)),
         np.empty((MOST_NODES, 5)),
         np.empty((MOST_NODES, 5, 5)),
+        np.zeros(2),
     )
 
 
@@ -406,7 +457,7 @@ def laplace(state: State) -> PosteriorMoments:
 
 
 def integrate(problem: Problem, minimum: State, given: Lattice) -> PosteriorMoments:
-    """Integrate the posterior that is connected with a minimum of the cost, over a lattice.
+    """Integrate the posterior that is connected with a minimum of the cost, over nodes.
 
     The weight is -inf where the image leaves no finite posterior.
     """
@@ -415,12 +466,28 @@ def integrate(problem: Problem, minimum: State, given: Lattice) -> PosteriorMome
     if not np.isfinite(lattice.logs[0]):
         return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
     basis, log_cell = basis_of(lattice.curvatures[0], problem.frame.share > 0)
-    longest = max(np.hypot(basis[0, 0], basis[1, 0]), np.hypot(basis[0, 1], basis[1, 1]))
     # The posterior of a planar array may go on in a ring.
-    if problem.frame.share == 0 and longest < LONGEST:
+    if problem.frame.share == 0:
         near = by_nine_nodes(problem, basis, log_cell, lattice)
-        if near.nodes > 0:
+        if np.isfinite(near.log_weight):
             return near
+        if ALONG <= near.nodes < CORNERS:
+            narrow = np.hypot(basis[0, 0], basis[1, 0])
+            lattice.across[0], lattice.across[1] = basis[0, 0] / narrow, basis[1, 0] / narrow
+            write_node(problem, minimum, lattice, MINIMUM)
+            row = refined(problem, basis, log_cell + 0.5 * LOG_2PI - np.log(narrow), lattice)
+            if np.isfinite(row.log_weight):
+                return row
+            lattice.across[0], lattice.across[1] = 0.0, 0.0
+            write_node(problem, minimum, lattice, MINIMUM)
+    return refined(problem, basis, log_cell, lattice)
+
+
+def refined(
+    problem: Problem, first_basis: Array, log_cell: float, lattice: Lattice
+) -> PosteriorMoments:
+    """Integrate over a lattice that is made finer, or coarser, from its first basis on."""
+    basis = first_basis.copy()
     moments, coarseness = fill(problem, basis, lattice)
     for _ in range(FINER):
         # Of too many nodes: a coarser lattice is less exact, and none is no answer.

@@ -106,6 +106,36 @@ def test_nine_nodes_or_the_lattice_have_the_moments_of_a_finer_one(scene, pose):
     )
 
 
+@pytest.mark.parametrize(
+    "pose",
+    [
+        (-6.08, -0.64, 0.36, -0.15, 0.26),
+        (-5.89, -0.53, 0.43, -0.08, -0.08),
+        (-5.17, -0.52, 0.08, 0.14, -0.31),
+    ],
+)
+def test_a_row_of_attitudes_has_the_moments_of_a_fine_lattice(pose):
+    """Of a beam that grows brighter evenly over a wide angle, which leaves a long, bent ridge."""
+    widths, weights = [0.44, 1.0, 2.54], [0.19, 0.42, 0.39]
+    lamp = {"beam_sigma_deg": 11.8, "beam_widths": widths, "beam_weights": weights}
+    model, pose = ForwardModel(changed("reference", lamp=lamp)), np.array(pose)
+    readings = np.rint(model.converted(model.light(pose))).ravel()
+    problem = problem_of(model, *PRIOR)._replace(readings=readings)
+    start = np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0])
+    minimum = refine(problem, start, MOST_STEPS)
+    result, lattice = integrate(problem, minimum, new_lattice(7)), new_lattice(7)
+    write_node(problem, minimum, lattice, 0)
+    basis, log_cell = basis_of(lattice.curvatures[0], False)
+    finer, _ = fill(problem, basis / 2, lattice)
+    assert 9 < result.nodes < 18 < 60 < finer.nodes < 400
+    stds = np.sqrt(finer.covariance.diagonal())
+    np.testing.assert_allclose(result.mean / stds, finer.mean / stds, rtol=0, atol=0.05)
+    scale = np.outer(stds, stds)
+    np.testing.assert_allclose(result.covariance / scale, finer.covariance / scale, atol=0.05)
+    log_weight = finer.log_weight + log_cell - 2 * np.log(2)
+    assert result.log_weight == pytest.approx(log_weight, abs=0.05)
+
+
 def test_laplace_has_the_evidence_of_the_integral_where_it_is_nearly_gaussian():
     model, pose = ForwardModel(load_scene("reference")), np.array([-5.0, 0.1, -0.1, 0.05, -0.05])
     readings = np.rint(model.light(pose)).ravel()

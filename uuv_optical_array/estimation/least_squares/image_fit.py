@@ -44,7 +44,12 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import (
     mixture,
 )
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
-from uuv_optical_array.estimation.least_squares.problem import STEEPEST, UNUSUAL, Problem
+from uuv_optical_array.estimation.least_squares.problem import (
+    STEEPEST,
+    UNUSUAL,
+    Problem,
+    lit,
+)
 from uuv_optical_array.estimation.least_squares.starts import Guide, guide_of
 from uuv_optical_array.estimation.signature import features
 from uuv_optical_array.estimation.signature_table import grid_axes
@@ -69,6 +74,8 @@ DOUBTFUL = 2.576
 MENDED, MENDED_BY_SEVERAL = 2.054, UNUSUAL
 # And the same where light differs by more than its usual sizes, as anything nearly fits there.
 EVEN = 0.0
+# Share of the others that are lit where a row or column is hidden; else the pose may be why.
+MOSTLY_LIT = 0.75
 # Logarithm of the odds of a kind against a clear frame, by a linear step, from which it counts, and
 # from which it is fitted.
 LOG_CONSIDERED, LOG_LIKELY = math.log(0.002), math.log(0.2)
@@ -295,7 +302,8 @@ class ImageFit:
             return [found.refused]
         mended = [found]
         line = lines_of_neighbours(out.reshape(self._model.image_shape)).ravel()
-        if line.any():
+        others = image.readings[~line]
+        if line.any() and lit(others, problem.noise) >= MOSTLY_LIT * len(others):
             weights = np.where(line, 0.0, found.frame.weights)
             problem = image.problem(kind)._replace(weights=weights)
             hidden = self._hypothesis(kind, problem, self.guide)

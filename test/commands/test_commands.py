@@ -28,7 +28,7 @@ def follow(*words, start_s=PATIENCE_S):
 
 def test_help_explains_every_option_and_shows_examples_that_can_be_typed():
     parsers = list(reference.command_parsers(build_parser()))
-    assert len(parsers) == len({parser.prog for parser in parsers}) == 21
+    assert len(parsers) == len({parser.prog for parser in parsers}) == 22
     for parser in parsers:
         for action in parser._actions:
             assert len((action.help or "").split()) > 1, (parser.prog, action.dest)

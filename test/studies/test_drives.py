@@ -12,7 +12,8 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.drawn_sea import draw_sea
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.studies.drives import LAST_S, Drive, course, drive, figures, report
+from uuv_optical_array.studies.drives import LAST_S, Drive, drive, figures, report
+from uuv_optical_array.studies.shared.course import course
 from uuv_optical_array.studies.shared.errors import FrameErrors
 
 run = functools.partial(command_line.run, "study", "drives")

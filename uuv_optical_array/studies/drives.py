@@ -28,12 +28,10 @@ from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.aim import apparent
 from uuv_optical_array.forward.drawn_sea import draw_sea
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.working_volume import HIGH, LOW
+from uuv_optical_array.studies.shared.course import course
 from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors
 from uuv_optical_array.studies.shared.results import until_interrupted
 
-SWAY = 0.4  # of the working volume's half width, across and in angle
-SWAY_RAD_PER_S = (0.1, 0.25)
 LAST_S = 10.0  # at the end of a drive, when most was learnt
 
 
@@ -42,16 +40,6 @@ class Drive(NamedTuple):
 
     tracks: FrameErrors
     singles: FrameErrors
-
-
-def course(times_s: Array, duration_s: float, rng: np.random.Generator) -> Array:
-    """Return poses ``(n, 5)`` at times since the start: through the volume and back, swaying."""
-    poses = np.empty((len(times_s), 5))
-    middle, half = (LOW[X] + HIGH[X]) / 2, (HIGH[X] - LOW[X]) / 2
-    poses[:, X] = middle - half * np.cos(2 * np.pi * times_s / duration_s)
-    phases = np.outer(times_s, rng.uniform(*SWAY_RAD_PER_S, 4)) + rng.uniform(0, 2 * np.pi, 4)
-    poses[:, 1:] = SWAY * HIGH[1:] * np.sin(phases)
-    return poses
 
 
 def drive(

@@ -8,6 +8,7 @@ a fault by then. docs/reference/mismatches.md has the kinds.
 
   uuv_array study lasting                            every kind, a drive each
   uuv_array study lasting --kinds moffat,hidden_row_0.5 --drives 5
+  uuv_array study lasting --scene reference --rate 5   in another scene
 Ctrl-C ends it early and reports the kinds it has.
 """
 
@@ -29,8 +30,8 @@ from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import uniform_poses
-from uuv_optical_array.studies.drives import course
 from uuv_optical_array.studies.mismatches.kinds import Kind, kinds_named
+from uuv_optical_array.studies.shared.course import course
 from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors
 from uuv_optical_array.studies.shared.results import until_interrupted
 
@@ -165,7 +166,7 @@ def run(args: argparse.Namespace) -> int:
     estimator = Estimator(scene, args.method).wait()
     rows, complete = until_interrupted(measure(estimator, kinds, count, seconds, rate, seed))
     about = {"scene": scene.name, "method": args.method, "seed": seed, "complete": complete}
-    driven = f"{count} drives of {seconds:g} s at {rate:g} Hz a kind"
+    driven = f"drives of {seconds:g} s at {rate:g} Hz, {count} of each kind"
     text = f"{args.method} in scene {scene.name}, {driven}, seed {seed}\n\n{report(rows)}"
     end = "the table ends where the work ended"
     return outputs.finish(args, about | {"kinds": rows}, text, complete, end)

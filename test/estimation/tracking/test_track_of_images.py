@@ -16,7 +16,7 @@ from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ABSORPTION, AMBIENT, GRADIENTS, POWER
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies.drives import course
+from uuv_optical_array.studies.shared.course import course
 
 POSE = np.array([-6.0, 0.2, -0.1, 0.05, -0.04])
 NEAR = np.array([-5.0, 0.2, -0.1, 0.05, -0.04])

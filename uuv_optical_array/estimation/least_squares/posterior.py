@@ -466,12 +466,15 @@ def integrate(problem: Problem, minimum: State, given: Lattice) -> PosteriorMome
     if not np.isfinite(lattice.logs[0]):
         return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
     basis, log_cell = basis_of(lattice.curvatures[0], problem.frame.share > 0)
+    # Only a beam of several Gaussians dims so evenly that a long and bent ridge is left.
+    ridge = problem.frame.gaussians.shape[1] > 1
+    longest = max(np.hypot(basis[0, 0], basis[1, 0]), np.hypot(basis[0, 1], basis[1, 1]))
     # The posterior of a planar array may go on in a ring.
-    if problem.frame.share == 0:
+    if problem.frame.share == 0 and (ridge or longest < LONGEST):
         near = by_nine_nodes(problem, basis, log_cell, lattice)
         if np.isfinite(near.log_weight):
             return near
-        if ALONG <= near.nodes < CORNERS:
+        if ridge and ALONG <= near.nodes < CORNERS:
             narrow = np.hypot(basis[0, 0], basis[1, 0])
             lattice.across[0], lattice.across[1] = basis[0, 0] / narrow, basis[1, 0] / narrow
             write_node(problem, minimum, lattice, MINIMUM)

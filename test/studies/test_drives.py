@@ -6,10 +6,9 @@ import command_line
 import numpy as np
 import pytest
 from command_line import json_of, text_of
+from onlooker import Onlooker
 from scenes import changed
 
-from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.drawn_sea import draw_sea
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.studies.drives import LAST_S, Drive, drive, figures, report
@@ -50,18 +49,6 @@ def test_figures_are_those_of_planted_errors():
     assert found["rms_tracked"]["y"] == pytest.approx(0.2 * np.sqrt(2.5))
     assert found["rms_single"]["pitch"] == pytest.approx(np.degrees(0.03))
     assert found["range_ratio"] == pytest.approx(np.sqrt(2.5) / 3)
-
-
-class Onlooker(Estimator):
-    """An estimator that keeps the images it is given, and knows no pose."""
-
-    def __init__(self, scene):
-        super().__init__(scene, compiled=False)
-        self.images = []
-
-    def estimate(self, image, *rest, **options):
-        self.images.append(image)
-        raise NoPose("it only looks")
 
 
 def test_a_sea_is_one_draw_of_the_prior_and_stays():

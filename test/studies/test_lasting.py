@@ -6,26 +6,13 @@ import command_line
 import numpy as np
 import pytest
 from command_line import json_of, text_of
+from onlooker import Onlooker
 
-from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.lasting import Drive, drive, figures, kinds_that_last, report
 from uuv_optical_array.studies.shared.errors import FrameErrors
 
 run = functools.partial(command_line.run, "study", "lasting")
-
-
-class Onlooker(Estimator):
-    """An estimator that keeps the images it is given, and knows no pose."""
-
-    def __init__(self, scene):
-        super().__init__(scene, compiled=False)
-        self.images = []
-
-    def estimate(self, image, *rest, **options):
-        self.images.append(image)
-        raise NoPose("it only looks")
 
 
 def test_what_is_drawn_at_random_is_drawn_once_for_a_drive():

@@ -21,14 +21,13 @@ import numpy as np
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array, X
-from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.aim import apparent
 from uuv_optical_array.forward.drawn_sea import draw_sea
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.studies.shared.course import course
+from uuv_optical_array.studies.shared.course import add_drives, course
 from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors
 from uuv_optical_array.studies.shared.results import until_interrupted
 
@@ -52,27 +51,23 @@ def drive(
     times_s = np.arange(round(duration_s * rate_hz)) / rate_hz
     poses = course(times_s, duration_s, rng)
     pipeline = Pipeline(estimator)
-    nothing = np.full(5, np.nan), np.full((5, 5), np.nan)
-    tracks, singles = [], []
+    tracks: list[tuple[Array, Array] | None] = []
+    singles: list[tuple[Array, Array] | None] = []
     for time_s, pose in zip(times_s, poses, strict=True):
         (seen,) = apparent(scene, pose[None], sea.aims[None])
         light = model.light(seen, sea.roll, sea.offsets)
         image = model.read(model.with_gains(light, sea.gains), rng)
         track = pipeline.answer(round((1 + time_s) * 1e9), image).track
-        tracks.append(nothing if track is None else (track.pose, track.covariance))
+        tracks.append((track.pose, track.covariance) if track else None)
         if time_s >= duration_s - LAST_S:
             try:
                 estimate = estimator.estimate(image)
                 singles.append((estimate.pose, estimate.covariance))
             except NoPose:
-                singles.append(nothing)
+                singles.append(None)
 
-    def errors(answers: list[tuple[Array, Array]]) -> FrameErrors:
-        answered, covariances = map(np.array, zip(*answers, strict=True))
-        untimed = np.empty(0)
-        return FrameErrors(answered - poses[-len(answers) :], covariances, untimed, untimed)
-
-    return Drive(errors(tracks), errors(singles))
+    last = poses[-len(singles) :]
+    return Drive(FrameErrors.untimed(tracks, poses), FrameErrors.untimed(singles, last))
 
 
 def figures(drives: Sequence[Drive]) -> dict[str, Any]:
@@ -120,9 +115,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
     options.add_method(parser)
-    options.add_number(parser, "drives", Quantity("how many drives", "", 1, 1e5), 50)
-    options.add_number(parser, "seconds", Quantity("duration of a drive", "s", 10, 3600), 60.0)
-    options.add_number(parser, "rate", Quantity("rate of the images", "Hz", 0.5, 1000), 10.0)
+    add_drives(parser, "how many drives", 50)
     options.add_seed(parser)
     options.add_json(parser)
 

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.processes import spread
-from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import columns, plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
@@ -31,7 +30,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import uniform_poses
 from uuv_optical_array.studies.mismatches.kinds import Kind, kinds_named
-from uuv_optical_array.studies.shared.course import course
+from uuv_optical_array.studies.shared.course import add_drives, course
 from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors
 from uuv_optical_array.studies.shared.results import until_interrupted
 
@@ -68,21 +67,19 @@ def drive(
     model, pipeline = ForwardModel(estimator.scene), Pipeline(estimator)
     times_s = np.arange(round(duration_s * rate_hz)) / rate_hz
     poses, seed = course(times_s, duration_s, rng), int(rng.integers(2**63))
-    nothing = np.full(5, np.nan), np.full((5, 5), np.nan)
-    singles, tracks, said = [], [], []
+    singles: list[tuple[Array, Array] | None] = []
+    tracks: list[tuple[Array, Array] | None] = []
+    said: list[bool] = []
     for time_s, pose in zip(times_s, poses, strict=True):
         light = kind.light(model, pose[None], np.random.default_rng(seed))
         image = model.read(light[0], rng)
         _, estimate, track, _ = pipeline.answer(round((1 + time_s) * 1e9), image)
-        singles.append((estimate.pose, estimate.covariance) if estimate else nothing)
-        tracks.append((track.pose, track.covariance) if track else nothing)
+        singles.append((estimate.pose, estimate.covariance) if estimate else None)
+        tracks.append((track.pose, track.covariance) if track else None)
         said.append(bool(estimate and estimate.fault) or bool(track and track.mismatch))
 
-    def errors(answers: list[tuple[Array, Array]]) -> FrameErrors:
-        answered, covariances = map(np.array, zip(*answers, strict=True))
-        return FrameErrors(answered - poses, covariances, np.empty(0), np.empty(0))
-
-    return Drive(errors(singles), errors(tracks), np.array(said))
+    by_track = FrameErrors.untimed(tracks, poses)
+    return Drive(FrameErrors.untimed(singles, poses), by_track, np.array(said))
 
 
 def figures(kind: Kind, drives: Sequence[Drive]) -> dict[str, Any]:
@@ -150,9 +147,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_method(parser)
     about = "kinds of mismatch (default: all that can differ on a drive)"
     parser.add_argument("--kinds", metavar="NAME,...", help=about)
-    options.add_number(parser, "drives", Quantity("how many drives of each kind", "", 1, 1e5), 1)
-    options.add_number(parser, "seconds", Quantity("duration of a drive", "s", 10, 3600), 60.0)
-    options.add_number(parser, "rate", Quantity("rate of the images", "Hz", 0.5, 1000), 10.0)
+    add_drives(parser, "how many drives of each kind", 1)
     options.add_seed(parser)
     options.add_json(parser)
 

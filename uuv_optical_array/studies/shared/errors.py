@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -69,6 +69,13 @@ class FrameErrors:
     covariances: Array  # the estimates' own, (n, 5, 5)
     frame_s: Array  # from each image to its estimate, (n,)
     model_s: Array  # of a forward model with Jacobian for `MODEL_POSES` poses, (k,)
+
+    @classmethod
+    def untimed(cls, answers: Sequence[tuple[Array, Array] | None], truth: Array) -> "FrameErrors":
+        """Return the errors of poses with covariances, or ``None``, at true poses ``(n, 5)``."""
+        nothing = np.full(5, np.nan), np.full((5, 5), np.nan)
+        poses, covariances = map(np.array, zip(*(it or nothing for it in answers), strict=True))
+        return cls(poses - truth, covariances, np.empty(0), np.empty(0))
 
     @property
     def posed(self) -> NDArray[np.bool_]:

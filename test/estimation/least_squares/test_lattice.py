@@ -74,6 +74,14 @@ MODELS = {
 POSES = st.tuples(st.floats(-7.5, -4), *[st.floats(-0.4, 0.4)] * 2, *[st.floats(-0.3, 0.3)] * 2)
 
 
+def minimum_of(model, pose):
+    """Return the posterior of the image of a pose, without noise, and its minimum."""
+    readings = np.rint(model.converted(model.light(pose))).ravel()
+    problem = problem_of(model, *PRIOR)._replace(readings=readings)
+    start = np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0])
+    return problem, refine(problem, start, MOST_STEPS)
+
+
 @settings(max_examples=3, phases=(Phase.explicit, Phase.generate))
 @given(st.sampled_from(["reference", "weakly curved"]), POSES)
 @example("reference", (-5.0, 0.1, -0.1, 0.05, -0.05))  # nine nodes
@@ -83,10 +91,7 @@ POSES = st.tuples(st.floats(-7.5, -4), *[st.floats(-0.4, 0.4)] * 2, *[st.floats(
 @example("bright", (-5.67, 0.79, -0.22, 0.11, -1.04))
 def test_nine_nodes_or_the_lattice_have_the_moments_of_a_finer_one(scene, pose):
     model, pose = MODELS[scene], np.array(pose)
-    readings = np.rint(model.converted(model.light(pose))).ravel()
-    problem = problem_of(model, *PRIOR)._replace(readings=readings)
-    start = np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0])
-    minimum = refine(problem, start, MOST_STEPS)
+    problem, minimum = minimum_of(model, pose)
     result, lattice = integrate(problem, minimum, new_lattice(7)), new_lattice(7)
     write_node(problem, minimum, lattice, 0)
     basis, log_cell = basis_of(lattice.curvatures[0], False)
@@ -119,10 +124,7 @@ def test_a_row_of_attitudes_has_the_moments_of_a_fine_lattice(pose):
     widths, weights = [0.44, 1.0, 2.54], [0.19, 0.42, 0.39]
     lamp = {"beam_sigma_deg": 11.8, "beam_widths": widths, "beam_weights": weights}
     model, pose = ForwardModel(changed("reference", lamp=lamp)), np.array(pose)
-    readings = np.rint(model.converted(model.light(pose))).ravel()
-    problem = problem_of(model, *PRIOR)._replace(readings=readings)
-    start = np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0])
-    minimum = refine(problem, start, MOST_STEPS)
+    problem, minimum = minimum_of(model, pose)
     result, lattice = integrate(problem, minimum, new_lattice(7)), new_lattice(7)
     write_node(problem, minimum, lattice, 0)
     basis, log_cell = basis_of(lattice.curvatures[0], False)

@@ -149,7 +149,9 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
     ):
         bars = axes.barh(y, 100 * of[key] / whole, color=colour, label=label)
         if key != "indistinguishable":
-            axes.bar_label(bars, fmt="%.3g", padding=4, fontsize=8)
+            # An empty bar and a full one speak for themselves.
+            shown = [f"{share:.3g}" if 0 < share < 100 else "" for share in bars.datavalues]
+            axes.bar_label(bars, shown, padding=4, fontsize=8)
     left.set(xlim=(0, 115), xlabel="answered, of all (%)")
     middle.set(xlim=(0, 115), xlabel="beyond 6 sigma, of answered (%)")
     for key, marker, colour, label in ERRORS:
@@ -163,9 +165,9 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
         axes.grid(axis="x", alpha=0.4)
         axes.set_axisbelow(True)
         axes.tick_params(axis="y", length=0)
-    left.set_yticks(y, [row["what"].rstrip(".") for row in rows], fontsize=9)
+    left.set_yticks(y, [row["what"].rstrip(".") for row in rows], fontsize=8)
     for at, row in zip(y, rows, strict=True):
-        beside = {"xytext": (6, 0), "textcoords": "offset points", "va": "center", "fontsize": 9}
+        beside = {"xytext": (6, 0), "textcoords": "offset points", "va": "center", "fontsize": 8}
         right.annotate(row["kind"], (1, at), xycoords=right.get_yaxis_transform(), **beside)
     left.set_ylim(len(rows) - 0.5, -0.5)
     handles = [handle for axes in grid for handle in axes.get_legend_handles_labels()[0]]

@@ -32,7 +32,9 @@ TIMEOUT_S = OPEN.light_timeout_s
 
 
 class Pursuit:
-    """A level leader at a steady twist, and a follower that does what it is told; both exact.
+    """A leader at a steady twist, and a follower that does what it is told; both exact.
+
+    The leader is level, or has its bow down by a `bow`, rad.
 
     Poses are sent while there is `light`, as of a lamp that is `aside` of the leader's, m.
     """
@@ -43,7 +45,7 @@ class Pursuit:
         self.following = Following(formation, search)
         self.formation = formation
         self.speed, self.turn = np.array(speed, dtype=float), turn
-        self.leader, self.heading = np.zeros(3), 0.0
+        self.leader, self.heading, self.bow = np.zeros(3), 0.0, 0.0
         self.own = np.add(formation.station_m, station_off)
         self.attitude = np.zeros(2)  # pitch and yaw
         self.twist = np.zeros(5)
@@ -62,7 +64,7 @@ class Pursuit:
         return self.following.state.name
 
     def to_leader(self):
-        return Rotation.from_euler("z", -self.heading)
+        return Rotation.from_euler("ZY", [self.heading, self.bow]).inv()
 
     def to_world(self):
         return Rotation.from_euler("ZYX", [self.attitude[1], self.attitude[0], 0.0])
@@ -84,7 +86,7 @@ class Pursuit:
             own = self.to_leader().apply(self.to_world().apply(self.twist[:3]))
             past = own - self.speed - np.cross([0, 0, self.turn], place)
             rate = [*past, self.twist[3], self.twist[4] - self.turn]
-            pose = [*place, self.attitude[0], self.attitude[1] - self.heading]
+            pose = [*place, self.attitude[0] - self.bow, self.attitude[1] - self.heading]
             try:
                 following.update(now, pose, self.std_m**2 * np.eye(5), rate)
             except NoPose as reason:
@@ -96,7 +98,7 @@ class Pursuit:
         self.attitude += self.twist[3:] * TICK_S / 2
         self.own = self.own + self.to_world().apply(linear) * TICK_S
         self.attitude += self.twist[3:] * TICK_S / 2
-        halfway = Rotation.from_euler("z", self.heading + self.turn * TICK_S / 2)
+        halfway = Rotation.from_euler("ZY", [self.heading + self.turn * TICK_S / 2, self.bow])
         self.leader = self.leader + halfway.apply(self.speed) * TICK_S
         self.heading += self.turn * TICK_S
         self.tick += 1
@@ -463,7 +465,45 @@ def test_in_the_dark_it_keeps_off_where_the_lamp_was_and_within_the_limits(speed
         pursuit.step()
         assert np.linalg.norm(pursuit.own - lamp) > least_m - 0.05
         assert np.linalg.norm(pursuit.own - start) < search.search_distance_m + rest_m
-        assert abs(pursuit.own[2] - start[2]) < search.search_depth_m + 0.3
+    assert pursuit.state == "lost"
+
+
+@given(
+    st.tuples(st.floats(0.0, 1.2), st.floats(-0.2, 0.2), st.floats(-0.5, 0.5)),
+    st.floats(-0.2, 0.2),
+    st.floats(-0.6, 0.6),
+    st.floats(0.0, 6.0),
+    st.floats(2.0, 30.0),
+    st.sampled_from(["hold", "surface"]),
+)
+@example((0.5, 0.0, 0.4), 0.0, 0.0, 1.0, 20.0, "hold")
+@example((1.2, 0.0, 0.0), 0.1, -0.6, 1.0, 20.0, "hold")
+@example((1.2, 0.0, 0.0), 0.0, 0.3, 0.0, 20.0, "surface")
+@settings(max_examples=6)
+def test_without_light_it_leaves_no_depth_whatever_its_leader_did(
+    speed, turn, bow, depth_m, coast_s, when_lost
+):
+    """Beyond what it went until it knew of the darkness, and the bow turns within one command.
+
+    On the way up that follows a search in vain only the lower depth counts.
+    """
+    limits = {"search_depth_m": depth_m, "search_time_s": 25.0}
+    search = SearchSettings(coast_s=coast_s, when_lost=when_lost, **limits)
+    pursuit = Pursuit(speed, turn, search=search)
+    for share in np.linspace(0, 1, round(4 / TICK_S)):
+        pursuit.bow = bow * share
+        pursuit.step()
+    pursuit.run(LIT_S)
+    pursuit.light, went = False, pursuit.own[2]
+    turns = math.radians(OPEN.max_turn_deg_per_s) * TICK_S * OPEN.max_surge_m_per_s * OPEN.blind_s
+    most_m = depth_m + turns
+    while pursuit.now < 46.0:
+        pursuit.step()
+        off_m = pursuit.own[2] - went
+        if pursuit.state == "locked":
+            most_m = max(most_m, abs(off_m) + TICK_S * OPEN.max_surge_m_per_s)
+        assert off_m > -most_m
+        assert off_m < most_m or (pursuit.state == "lost" and when_lost == "surface")
     assert pursuit.state == "lost"
 
 

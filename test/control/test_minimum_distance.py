@@ -157,7 +157,8 @@ def test_of_all_that_keep_the_distance_the_velocity_is_the_nearest_to_that_wante
     most = np.array([1.4, 1.0, 1.0])
     s = FormationSettings(min_distance_m=2.0, max_acceleration_m_per_s2=5.0)  # no limit here
     controller = FormationController(s)
-    aim = Aim(np.zeros(5), np.array([*wanted, 0.0, 0.0]), np.eye(3), [KeepOff(nearest_m, away)])
+    lamp = KeepOff(s.room_m(nearest_m), away)
+    aim = Aim(np.zeros(5), np.array([*wanted, 0.0, 0.0]), np.eye(3), [lamp])
     controller.drive(0.0, aim)
     kept, _ = controller.drive(1.0, aim)
     allowed = 0.5 / (s.light_timeout_s + s.stop_time_s / 2)

@@ -1,6 +1,10 @@
 """What a follower does without light: by which motion of its own, to where, and how far.
 
-All of it is in a frame that stays in the water: that of the lamp, as the light went.
+All of it is in a frame that stays in the water: that of the lamp, as its track began. Its z is
+taken for up, as of a leader that was level then. One limit of depth, from where the light steered
+last, counts in all states, as surface and bottom are no farther off while a follower coasts than
+while it searches. It is left to `steering`, so that no goal, attitude or lamp to keep off leads
+beyond it.
 """
 
 import math
@@ -52,7 +56,8 @@ class SearchSettings(SightSettings):
         float, Quantity("farthest from where the light went", "m", 0, 1000)
     ] = 40.0
     search_depth_m: Annotated[
-        float, Quantity("farthest above and below where the light went", "m", 0, 100)
+        float,
+        Quantity("farthest above and below where light last steered, until it does", "m", 0, 100),
     ] = 3.0
     search_turn_deg: Annotated[
         float, Quantity("farthest from the heading at which the light went", "deg", 0, 180)
@@ -82,7 +87,7 @@ class Seen(NamedTuple):
 class Darkness:
     """The time without a pose to steer by, in a frame that stays in the water.
 
-    It is the lamp's, as the light went.
+    It is the lamp's, as its track began.
 
     - motion: of leader and follower; a leader that was never seen is taken to be at its place.
     - age_s: time without a pose to steer by, s; search_from_s: of it, from when on a search counts.
@@ -112,6 +117,7 @@ class Darkness:
         if seen is not None:
             self.motion, self._last, self._margin_m = seen.motion, seen.last, seen.margin_m
         self.age_s = self.motion.unseen_s
+        self._steered_z_m = float(self._last.own[2])  # where light steered last
         self._heard_s = now_s - self.age_s  # of what was seen or told last
         self.held = self.own.copy()
         self._stayed = self.own[:3].copy()
@@ -230,7 +236,7 @@ class Darkness:
         to_body = rotation_matrix(rel[PITCH], rel[YAW]).T
         moving = np.concatenate([leader.speed + turning(leader.turn, rel[:3]), leader.turn])
         lamps = [self._lamp(leader.place, at @ leader.speed), *self._last_seen()]
-        return Aim(wrapped(self._station - rel), moving, to_body, lamps)
+        return Aim(wrapped(self._station - rel), moving, to_body, lamps, self._depths())
 
     def search(self, now_s: float) -> Aim:
         """Return the same, towards the place from which the leader is seen most likely.
@@ -240,7 +246,7 @@ class Darkness:
         glow = self._glow
         if glow is not None and abs(now_s - self._glimpsed_s) > TURNING_S:
             error = np.array([0.0, 0.0, 0.0, -PITCH_RAD * glow.up, TURN_RAD * glow.to_port])
-            return Aim(error, np.zeros(5), self._to_body, self._last_seen())
+            return Aim(error, np.zeros(5), self._to_body, self._last_seen(), self._depths())
         goal = self._place(now_s)
         k, s = self._goal.hypothesis, self._search
         moving: Array = np.zeros(3)
@@ -258,9 +264,6 @@ class Darkness:
         if length > s.search_distance_m:
             goal = start[:3] + s.search_distance_m / length * way
             moving = np.zeros(3)
-        low, high = start[2] - s.search_depth_m, start[2] + s.search_depth_m
-        if not low <= goal[2] <= high:
-            goal[2], moving[2] = min(max(goal[2], low), high), 0.0
         pitch, yaw = bow_to(place - self.own[:3])
         most = math.radians(s.search_turn_deg)
         turned = math.remainder(yaw - start[YAW], 2 * math.pi)
@@ -270,7 +273,8 @@ class Darkness:
         if passing:
             moving = np.zeros(3)
         lamps = [self._lamp(place, ahead), *self._last_seen()]
-        return Aim(error, np.append(moving, [0.0, 0.0]), self._to_body, lamps)
+        moving = np.append(moving, [0.0, 0.0])
+        return Aim(error, moving, self._to_body, lamps, self._depths())
 
     def _place(self, now_s: float) -> Array:
         """Return the place to look from, chosen anew once it was reached or takes too long."""
@@ -293,12 +297,20 @@ class Darkness:
         return self._belief.place_of(self._goal, self._station)
 
     def hold(self, rise_m_per_s: float) -> Aim:
-        """Return the same, towards where the search ended, or upwards."""
+        """Return the same, towards where the search ended, or upwards through all depths."""
         goal = self.held.copy()
         if rise_m_per_s:
             goal[2] = self.own[2]
         speed = np.array([0.0, 0.0, rise_m_per_s, 0.0, 0.0])
-        return Aim(wrapped(goal - self.own), speed, self._to_body, [])
+        depths = self._depths()[bool(rise_m_per_s) :]
+        return Aim(wrapped(goal - self.own), speed, self._to_body, [], depths)
+
+    def _depths(self) -> list[KeepOff]:
+        """Return the depths that it must not reach, the upper one first."""
+        up = self._to_body[:, 2]
+        above_m = float(self.own[2] - self._steered_z_m)
+        most_m = self._search.search_depth_m
+        return [KeepOff(most_m - above_m, -up), KeepOff(most_m + above_m, up)]
 
     @property
     def _to_body(self) -> Array:
@@ -333,12 +345,14 @@ class Darkness:
         """Return the lamp where it was seen last, as the leader may have stopped there since."""
         if not self._stopped:
             return []
-        lamp = self._lamp(self._last.place, np.zeros(3))
+        lit_m = -math.inf
         if self._glow is not None and self._lit is not None:
             # Where it is seen it is no nearer than so bright a lamp may be.
-            lamp = lamp._replace(nearest_m=max(lamp.nearest_m, self._glow.nearest_m(*self._lit)))
-        return [lamp]
+            lit_m = self._glow.nearest_m(*self._lit)
+        return [self._lamp(self._last.place, np.zeros(3), lit_m)]
 
-    def _lamp(self, place: Array, velocity: Array) -> KeepOff:
+    def _lamp(self, place: Array, velocity: Array, least_m: float = -math.inf) -> KeepOff:
+        """Return a lamp to keep off, which is no nearer than a range, m."""
         range_m, away = polar(self.own[:3] - place)
-        return KeepOff(range_m - self._margin_m, self._to_body @ away, -float(away @ velocity))
+        room_m = self._settings.room_m(max(range_m - self._margin_m, least_m))
+        return KeepOff(room_m, self._to_body @ away, -float(away @ velocity))

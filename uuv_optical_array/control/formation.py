@@ -182,7 +182,7 @@ class FormationController:
         range_m, away = polar(to_body @ pose[:3])
         nearest_m = min(range_m, float(np.linalg.norm(track.pose[:3]))) - track.margin_m
         drift = float(away @ (to_body @ track.leader_rate[:3]))
-        lamps = [KeepOff(nearest_m, away, drift)]
+        lamps = [KeepOff(self._settings.room_m(nearest_m), away, drift)]
         aim = Aim(self._goal(pose) - pose, -track.leader_rate, to_body, lamps)
         return self._steering.rate(aim, self._rate, elapsed_s)
 

@@ -1,5 +1,6 @@
 """What a user may set of the formation law: station, gains and limits."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -53,3 +54,7 @@ class FormationSettings:
     def blind_s(self) -> float:
         """Time for which a follower would go on at its speed, should the light go out, s."""
         return self.light_timeout_s + self.stop_time_s / 2
+
+    def room_m(self, range_m: float) -> float:
+        """Return how much nearer to a lamp at a range a follower may come, m."""
+        return range_m - self.min_distance_m if self.min_distance_m else math.inf

@@ -1,13 +1,13 @@
-"""The command that steers a vehicle to a goal, within its limits and off the lamps.
+"""The command that steers a vehicle to a goal, within its limits and off what it must not reach.
 
 Behind a leader that turns fast the station sweeps aside faster than a vehicle sways; then the bow
 turns into the way, as far as the array still sees the lamp, and surge does what sway cannot.
 
-A lamp is kept off by the minimum distance:
+A lamp is kept off by the minimum distance, and a depth by its room above and below, by one rule:
 
-- where its nearest possible range is at or below the minimum, nothing moves the follower towards
-  it, whatever the limits of acceleration say, and it backs off;
-- above it, the speed lets the follower come to rest before the minimum by braking at
+- where there is no room left, nothing moves the follower that way, whatever the limits of
+  acceleration say, and it backs off;
+- else the speed lets the follower come to rest within the room by braking at
   ``max_acceleration_m_per_s2``, should the lamp stop dead;
 - and also while the command falls to zero, should the light be lost.
 """
@@ -27,14 +27,14 @@ CRAB_RAD, CRAB_GAIN = 0.7, 2.0
 
 
 class KeepOff(NamedTuple):
-    """A lamp to keep off.
+    """What to keep off: a lamp, or a depth.
 
-    - nearest_m: how near it may be, m.
+    - room_m: how much nearer the follower may come, m; below 0 it is too near.
     - away: unit vector from it, in the follower's axes, shape ``(3,)``.
-    - drift: by which it makes the range grow, m/s.
+    - drift: by which it makes the room grow, m/s.
     """
 
-    nearest_m: float
+    room_m: float
     away: Array
     drift: float = 0.0
 
@@ -45,13 +45,16 @@ class Aim(NamedTuple):
     - error: from the follower to the goal, m and rad, shape ``(5,)``.
     - speed: of the goal, m/s and rad/s, shape ``(5,)``, in the axes of `error`.
     - to_body: rotation from these axes to the follower's, shape ``(3, 3)``.
-    - lamps: to keep off; the last one counts most.
+    - lamps: to keep off; the bow keeps the first in sight.
+    - depths: to keep off. Where all cannot be kept off, the last one counts most, and depths more
+      than lamps.
     """
 
     error: Array
     speed: Array
     to_body: Array
     lamps: Sequence[KeepOff]
+    depths: Sequence[KeepOff] = ()
 
 
 class Steering:
@@ -71,7 +74,7 @@ class Steering:
 
         - before: the last rate that was commanded, ``(5,)``, so long ago, s.
         """
-        error, speed, to_body, lamps = aim
+        error, speed, to_body, lamps, depths = aim
         wanted = self._gain * error + speed
         wanted[:3] = to_body @ wanted[:3]
         crab = self._crab(wanted[:2], -lamps[0].away, float(error[YAW])) if lamps else 0.0
@@ -81,8 +84,8 @@ class Steering:
         change = (wanted - before) * min(elapsed_s / self._settings.smoothing_s, 1.0)
         slew = self._max_slew * elapsed_s
         rate: Array = before + np.clip(change, -slew, slew)
-        for lamp in lamps:
-            rate[:3] = self._kept_off(rate[:3], before[:3], *lamp, float(slew[0]))
+        for off in (*lamps, *depths):
+            rate[:3] = self._kept_off(rate[:3], before[:3], off, float(slew[0]))
         return rate
 
     def _crab(self, velocity: Array, to_lamp: Array, turn: float) -> float:
@@ -101,34 +104,23 @@ class Steering:
         crab = min(max(crab, min(lamp - CRAB_RAD, 0.0)), max(lamp + CRAB_RAD, 0.0))
         return crab if abs(math.sin(way - crab)) < abs(math.sin(way)) else 0.0
 
-    def _kept_off(
-        self,
-        velocity: Array,
-        before: Array,
-        nearest_m: float,
-        away: Array,
-        drift: float,
-        slew: float,
-    ) -> Array:
-        """Return the velocity nearest to one wanted that keeps the minimum distance, m/s.
+    def _kept_off(self, velocity: Array, before: Array, off: KeepOff, slew: float) -> Array:
+        """Return the velocity nearest to one wanted that keeps off something, m/s.
 
-        `before` is the last one that was commanded. `away` points from the lamp, and as these is in
-        the follower's frame. By `drift` the leader makes the range grow, m/s; `slew` is how much
-        the speed of backing off may, m/s.
+        `before` is the last one that was commanded; both are in the follower's frame. The speed of
+        backing off grows by `slew` at most, m/s.
         """
         s = self._settings
-        if s.min_distance_m == 0:
-            return velocity
-        spare_m = nearest_m - s.min_distance_m
-        if spare_m > 0:
-            braking = math.sqrt(2 * s.max_acceleration_m_per_s2 * spare_m)
-            allowed = min(spare_m / s.blind_s, braking)
+        room_m, away, drift = off
+        if room_m > 0:
+            braking = math.sqrt(2 * s.max_acceleration_m_per_s2 * room_m)
+            allowed = min(room_m / s.blind_s, braking)
         else:
-            allowed = s.position_gain_per_s * spare_m
+            allowed = s.position_gain_per_s * room_m
         allowed += min(drift, 0.0)  # a leader that comes nearer
         # Backing off gains speed as any motion does.
         allowed = max(allowed, min(-float(away @ before), 0.0) - slew)
-        # Straight away from the lamp, within the limits of all axes.
+        # Straight away from it, within the limits of all axes.
         fastest = float(np.min(self._max_rate[:3] / np.maximum(np.abs(away), 1e-9)))
         allowed = max(allowed, -fastest)
         closing = -float(away @ velocity)

@@ -274,7 +274,7 @@ class Darkness:
             moving = np.zeros(3)
         lamps = [self._lamp(place, ahead), *self._last_seen()]
         moving = np.append(moving, [0.0, 0.0])
-        return Aim(error, moving, self._to_body, lamps, self._depths())
+        return Aim(error, moving, self._to_body, lamps, self._depths(), straight=True)
 
     def _place(self, now_s: float) -> Array:
         """Return the place to look from, chosen anew once it was reached or takes too long."""

@@ -48,6 +48,9 @@ class Aim(NamedTuple):
     - lamps: to keep off; the bow keeps the first in sight.
     - depths: to keep off. Where all cannot be kept off, the last one counts most, and depths more
       than lamps.
+    - straight: whether the way to the goal is to be straight, where it is faster than the limits.
+      Else each axis goes as fast as it may: a goal that moves on is reached sooner by that, but
+      with the bow down the way there leads up, as surge is cut and the heave that makes up is not.
     """
 
     error: Array
@@ -55,6 +58,7 @@ class Aim(NamedTuple):
     to_body: Array
     lamps: Sequence[KeepOff]
     depths: Sequence[KeepOff] = ()
+    straight: bool = False
 
 
 class Steering:
@@ -74,12 +78,15 @@ class Steering:
 
         - before: the last rate that was commanded, ``(5,)``, so long ago, s.
         """
-        error, speed, to_body, lamps, depths = aim
+        error, speed, to_body, lamps, depths, straight = aim
         wanted = self._gain * error + speed
         wanted[:3] = to_body @ wanted[:3]
         crab = self._crab(wanted[:2], -lamps[0].away, float(error[YAW])) if lamps else 0.0
         if crab:
             wanted[YAW] = CRAB_GAIN * self._gain[YAW] * (error[YAW] + crab) + speed[YAW]
+        if straight:
+            most = self._max_rate[:3]
+            wanted[:3] /= max(float(np.max(np.abs(wanted[:3]) / most)), 1.0)
         wanted = np.clip(wanted, -self._max_rate, self._max_rate)
         change = (wanted - before) * min(elapsed_s / self._settings.smoothing_s, 1.0)
         slew = self._max_slew * elapsed_s

@@ -13,13 +13,13 @@ from scipy.special import chdtri
 from uuv_optical_array.control.darkness import DOUBT, SearchSettings
 from uuv_optical_array.control.following import (
     IMAGES_S,
-    LIT,
     MEASURED_S,
     SURFACE_M_PER_S,
     Following,
 )
 from uuv_optical_array.control.formation import RANGE_STDS
 from uuv_optical_array.control.formation_settings import FormationSettings
+from uuv_optical_array.control.leader.lamps import LIT
 from uuv_optical_array.control.leader.motion import CHANCE, CHANGE, Glow
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.tracking.track import Outlier

@@ -16,7 +16,7 @@ import numpy as np
 
 from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.leader.belief import Goal, LeaderBelief
-from uuv_optical_array.control.leader.motion import Glow, LeaderMotion, turning
+from uuv_optical_array.control.leader.motion import LIKELY, Glow, LeaderMotion, turning
 from uuv_optical_array.control.leader.other_lamp import OtherLamp, within_reach
 from uuv_optical_array.control.leader.sight import SightSettings
 from uuv_optical_array.control.leader.told_motion import Told
@@ -32,9 +32,7 @@ GLIMPSE_S = 8.0  # for which a glimpse leads that no other follows
 PASSING_M = 0.5  # beyond the minimum distance, at which a lamp that may have stopped is passed
 # By how much it turns to light at the array's edge, rad; so long after the last pose of it, s.
 TURN_RAD, PITCH_RAD, TURNING_S = 0.8, 0.2, 1.0
-# Chance that the leader is farther off, and standard deviation of where it is, m, beyond which a
-# pose has to settle.
-LIKELY, SURE_M = 0.05, 1.0
+SURE_M = 1.0  # standard deviation of where the leader is, m, beyond which a pose has to settle
 OTHER_M = 1.0  # from where the leader is expected, where a lamp may be another one
 DOUBT = "it may be another lamp"
 

@@ -29,18 +29,18 @@ until the leader may be there.
 """
 
 import math
-from collections import deque
 from copy import copy
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.control.darkness import DOUBT, LIKELY, Darkness, SearchSettings, Seen
+from uuv_optical_array.control.darkness import DOUBT, Darkness, SearchSettings, Seen
 from uuv_optical_array.control.formation import FormationController, nanoseconds
 from uuv_optical_array.control.formation_settings import FormationSettings
+from uuv_optical_array.control.leader.lamps import LEFT_S, Lamps
 from uuv_optical_array.control.leader.motion import Glow, LeaderMotion
-from uuv_optical_array.control.leader.other_lamp import OtherLamp, goes_on
+from uuv_optical_array.control.leader.other_lamp import goes_on
 from uuv_optical_array.control.leader.told_motion import Message
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
@@ -52,9 +52,6 @@ DEFAULT_SEARCH = SearchSettings()
 IMAGES_S = 2.0  # without any image until a search would be blind
 MOST_TURNED_RAD = 0.35  # standard deviation of the angles of a light that came back and steers
 SURFACE_M_PER_S = 0.2
-# By what factor, and beyond each of how many images, light grows where a second lamp is lit and
-# falls where one of two goes out; in what time after that what is left is taken up by the track.
-LIT, LIT_IMAGES, LEFT_S = 1.4, 3, 2.0
 MEASURED_S = 1.0  # age beyond which a measured velocity is not used
 
 
@@ -89,11 +86,7 @@ class Following:
         self._image_s = -math.inf
         self._glow: Glow | None = None  # of the newest image
         self._seen: Seen | None = None  # of the leader, by poses that steered
-        self._other: OtherLamp | None = None
-        self._others = False  # whether there was one
-        self._peaks: deque[float] = deque(maxlen=LIT_IMAGES)
-        self._out_s = -math.inf  # when a lamp went out last
-        self._left = False  # whether it left light, by which the follower steered
+        self._lamps = Lamps()
         self._began_s = math.nan  # when the first image came
         self._twist: Array = np.zeros(5)  # commanded last
         self._measured: tuple[float, Array] | None = None
@@ -128,28 +121,17 @@ class Following:
             self._began_s = stamp_s
 
     def _watch_lamps(self, stamp_s: float, glow: Glow | None) -> None:
-        """Note where light grows or falls at once by so much that a lamp was lit or went out."""
-        peaks = self._peaks
-        if glow is None:
-            peaks.clear()
-            self._out_s, self._left = stamp_s, False
+        """Say where a lamp seems to have gone out; go on beside another where one was lit."""
+        if self.state.name == "disengaged":
             return
-        if peaks and glow.peak > LIT * max(peaks):
-            self._light_again(stamp_s)
-        if peaks and LIT * glow.peak < min(peaks):
-            self._out_s, self._left = stamp_s, self._dark is None
-            if self.state.name == "locked" and DOUBT not in self.state.reason:
-                reason = f"{self.state.reason}; light fell at once, so {DOUBT}"
-                self.state = self.state._replace(reason=reason)
-        peaks.append(glow.peak)
-
-    def _light_again(self, stamp_s: float) -> None:
-        """Go on beside another lamp in sight, where the leader's seems to be lit again."""
-        other, dark = self._other, self._dark
-        if other is None or not other.alone or self.state.name == "disengaged":
+        change = self._lamps.look(stamp_s, glow, self._dark is None)
+        other, dark = self._lamps.other, self._dark
+        if change == "out" and self.state.name == "locked" and DOUBT not in self.state.reason:
+            reason = f"{self.state.reason}; light fell at once, so {DOUBT}"
+            self.state = self.state._replace(reason=reason)
+        if change != "lit" or other is None or dark is None:
             return
-        other.alone = False
-        if dark is not None and other.motion.unseen_s < LEFT_S and other.lead(dark.motion):
+        if other.motion.unseen_s < LEFT_S and other.lead(dark.motion):
             dark.resume(other.motion.covariance)
             self._to("coasting", stamp_s, "a second lamp was lit; the leader may be beside it")
 
@@ -176,7 +158,7 @@ class Following:
             self._go_dark(now_s, self._seen)
         assert self._dark is not None
         self._dark.begin_search(self._dark.age_s)
-        self._seen = self._other = None  # whatever lamp it finds
+        self._seen = self._lamps.other = None  # whatever lamp it finds
         self._to("searching", now_s, "it was told to")
 
     def update(
@@ -223,7 +205,7 @@ class Following:
         elif self._settled(stamp_s) or sure:
             found = "the leader's light steers"
             if dark is not None:
-                found = f"light came back {dark.found(pose, self._others)}"
+                found = f"light came back {dark.found(pose, self._lamps.met)}"
             self._to("locked", stamp_s, found)
             self._dark = None
 
@@ -237,7 +219,7 @@ class Following:
             return
         expected, since_s = pose - self._law.off(stamp_s, pose), stamp_s - last.stamp_ns * 1e-9
         reached = goes_on(expected, pose, covariance, since_s)
-        if self._other is not None or not reached or self._takes_up(stamp_s):
+        if self._lamps.other is not None or not reached or self._lamps.taken_up(stamp_s):
             self._hold_apart(stamp_s, pose, covariance, self._seen.motion, reached)
 
     def _hold_apart(
@@ -245,34 +227,20 @@ class Following:
     ) -> None:
         """Raise Outlier for a pose of another lamp, as where the leader cannot have reached it."""
         leaders = [leader, *([self._seen.motion] if self._seen else [])]  # a light that settles
-        for motion in (*leaders, *([self._other.motion] if self._other else [])):
-            motion.advance(stamp_s, self._own_twist(stamp_s))
-        other = self._other
-        if other is None or not other.has(pose, covariance, leaders):
-            if other and self.state.name == "coasting" and other.mixed(pose, leader):
-                self._glow = None
-                raise leader.outlier(pose)
-            ours = leader.in_line(pose, covariance, LIKELY) if self._left else reached
-            if ours or not self._fell(stamp_s):
-                if not reached:  # as where two lights part
-                    leader.check(pose, covariance)
-                return
-            other = self._other = OtherLamp(stamp_s, pose, covariance, leader)
-            self._others = True
-        self._glow = None  # it is that lamp's
-        if self._dark is not None:
-            other.lead(self._dark.motion)
+        lamps, dark, twist = self._lamps, self._dark, self._own_twist(stamp_s)
+        for motion in leaders:
+            motion.advance(stamp_s, twist)
+        lamps.advance(stamp_s, twist)
+        coasting = self.state.name == "coasting"
+        whose = lamps.whose(stamp_s, pose, covariance, leaders, reached, coasting)
+        if whose == "leader":
+            return
+        self._glow = None  # it is not the leader's
+        if whose == "other" and lamps.other is not None and dark is not None:
+            lamps.other.lead(dark.motion)
             if self.state.name == "searching":
-                self._dark.accompany(other)
+                dark.accompany(lamps.other)
         raise leader.outlier(pose)
-
-    def _fell(self, stamp_s: float) -> bool:
-        """Say whether a lamp went out shortly before."""
-        return 0 <= stamp_s - self._out_s <= LEFT_S
-
-    def _takes_up(self, stamp_s: float) -> bool:
-        """Say whether the track may still be taking up the light that a lamp left."""
-        return self._left and self._fell(stamp_s)
 
     def _note_seen(self, stamp_s: float, pose: Array, covariance: Array) -> None:
         """Let a pose tell of the leader's motion, and of how bright its lamp is.
@@ -284,7 +252,7 @@ class Following:
         if motion is not None:
             motion.advance(stamp_s, self._own_twist(stamp_s))
         if motion is not None and motion.expects(pose, covariance):
-            if not self._takes_up(stamp_s):
+            if not self._lamps.taken_up(stamp_s):
                 motion.see(pose, covariance)
         else:
             motion = LeaderMotion(stamp_s, pose, covariance)
@@ -312,8 +280,7 @@ class Following:
         """
         if self.state.name == "disengaged":
             return None
-        if self._other is not None:
-            self._other.motion.advance(now_s, self._own_twist(now_s))
+        self._lamps.advance(now_s, self._own_twist(now_s))
         if self._dark is None:
             if self.state.name == "waiting":
                 self._begin_search(now_s)
@@ -349,7 +316,8 @@ class Following:
 
     def _beside(self) -> str:
         """Say of another lamp that is in sight."""
-        seen = self._other is not None and self._other.motion.unseen_s < IMAGES_S
+        other = self._lamps.other
+        seen = other is not None and other.motion.unseen_s < IMAGES_S
         return "; the lamp in sight is where the leader could not get, and not followed" * seen
 
     def _images_come(self, now_s: float) -> bool:
@@ -361,7 +329,7 @@ class Following:
         most_s = max(s.coast_s, s.search_time_s)  # without a pose, whatever is seen
         if name == "coasting" and (dark.unseen_s > s.coast_s or dark.age_s > most_s):
             name = "searching"
-            dark.begin_search(dark.age_s - dark.unseen_s, self._other)
+            dark.begin_search(dark.age_s - dark.unseen_s, self._lamps.other)
             self._seen = None  # what comes back has to settle
             why = "the leader may have turned; the likely places are looked at"
             self._to(name, now_s, why + self._beside())

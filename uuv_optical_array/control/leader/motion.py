@@ -27,6 +27,7 @@ KNOWN = 0.3  # of the former, below which what is told says how the leader goes 
 MOST_STEP_S = 5.0  # beyond it a clock was set
 ALIKE_S = 1.0  # for which errors of what is seen are alike
 CHANCE = 1e-3  # that the leader is taken for another lamp
+LIKELY = 0.05  # that it is farther off than a pose that is surely of it
 # Direction of the brightest place at an array's edge, rad, and its standard deviation in the middle
 # and at the edge: the beam's slope across the array, and a detector's width.
 EDGE_RAD, MIDDLE_STD, EDGE_STD = 0.3, 0.15, 0.45

@@ -1,0 +1,102 @@
+"""Which of the lamps in sight is the leader's, by how light changes at once and by where they are.
+
+Where light falls at once a lamp went out, and what is left is another one where the leader is not
+expected; until the track has taken that up, a pose tells little of either. Where light grows at
+once beside a lamp that is held apart, a second one is lit.
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import Literal
+
+from uuv_optical_array.control.leader.motion import LIKELY, Glow, LeaderMotion
+from uuv_optical_array.control.leader.other_lamp import OtherLamp
+from uuv_optical_array.core.geometry import Array
+
+# By what factor, and beyond each of how many images, light grows where a second lamp is lit and
+# falls where one of two goes out; in what time after that what is left is taken up by the track.
+LIT, LIT_IMAGES, LEFT_S = 1.4, 3, 2.0
+
+Change = Literal["lit", "out"]
+Whose = Literal["leader", "other", "both"]
+
+
+class Lamps:
+    """The lamps in sight.
+
+    - other: one that is held apart from the leader's; ``None``: there is none.
+    - met: whether there was one.
+    """
+
+    def __init__(self) -> None:
+        self.other: OtherLamp | None = None
+        self.met = False
+        self._peaks: deque[float] = deque(maxlen=LIT_IMAGES)
+        self._out_s = -math.inf  # when a lamp went out last
+        self._left = False  # whether it left light, by which the follower steered
+
+    def look(self, stamp_s: float, glow: Glow | None, steers: bool) -> Change | None:
+        """Take how bright an image is, at a stamp, s; return what became of a lamp.
+
+        - glow: ``None``: it is dark. steers: whether light steers the follower.
+        - returned: ``lit``: a second lamp beside the one that is held apart, from now on its light
+          is not the only one; ``out``: one of two, or a part of the light; ``None``: nothing.
+        """
+        peaks = self._peaks
+        if glow is None:
+            peaks.clear()
+            self._out_s, self._left = stamp_s, False
+            return None
+        grew = bool(peaks) and glow.peak > LIT * max(peaks)
+        fell = bool(peaks) and LIT * glow.peak < min(peaks)
+        peaks.append(glow.peak)
+        if fell:
+            self._out_s, self._left = stamp_s, steers
+            return "out"
+        if grew and self.other is not None and self.other.alone:
+            self.other.alone = False
+            return "lit"
+        return None
+
+    def advance(self, now_s: float, twist: Array) -> None:
+        """Move the other lamp on to a time, s, by the follower's own motion, ``(5,)``."""
+        if self.other is not None:
+            self.other.motion.advance(now_s, twist)
+
+    def whose(
+        self,
+        stamp_s: float,
+        pose: Array,
+        covariance: Array,
+        leaders: Sequence[LeaderMotion],
+        reached: bool,
+        coasting: bool,
+    ) -> Whose:
+        """Say whose lamp a pose is of, or that it is of the light of ``both``.
+
+        - leaders: the leader as it is expected, and as a light that settles has it; all moved on.
+        - reached: whether the leader may have got there since its light was seen.
+        - coasting: whether the leader is taken to go on.
+        - Outlier: where the leader is not expected, and no lamp went out.
+        """
+        leader, other = leaders[0], self.other
+        if other is not None and other.has(pose, covariance, leaders):
+            return "other"
+        if other is not None and coasting and other.mixed(pose, leader):
+            return "both"
+        ours = leader.in_line(pose, covariance, LIKELY) if self._left else reached
+        if ours or not self._fell(stamp_s):
+            if not reached:  # as where two lights part
+                leader.check(pose, covariance)
+            return "leader"
+        self.other, self.met = OtherLamp(stamp_s, pose, covariance, leader), True
+        return "other"
+
+    def taken_up(self, stamp_s: float) -> bool:
+        """Say whether the track may still be taking up the light that a lamp left."""
+        return self._left and self._fell(stamp_s)
+
+    def _fell(self, stamp_s: float) -> bool:
+        """Say whether a lamp went out shortly before."""
+        return 0 <= stamp_s - self._out_s <= LEFT_S

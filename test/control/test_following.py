@@ -294,11 +294,15 @@ def test_a_lamp_is_held_apart_where_one_went_out_and_until_another_is_lit(left, 
         assert DOUBT in pursuit.following.state.reason
 
 
-def beside(seconds=6.0, peak=10.0):
-    """Return a pursuit whose lamp went out `seconds` ago, 1.5 m beside another, which is dimmer."""
+def beside(seconds=6.0, peak=10.0, turn=0.0):
+    """Return a pursuit whose lamp went out `seconds` ago, 1.5 m beside another, which is dimmer.
+
+    From then on the leader turns.
+    """
     pursuit = Pursuit(search=replace(SHORT, search_time_s=30.0))
     pursuit.peak = 100.0
     pursuit.run(LIT_S)
+    pursuit.turn = turn
     pursuit.peak, pursuit.aside = peak, np.array([0.0, 1.5, 0.0])
     return pursuit.run(seconds)
 
@@ -368,20 +372,32 @@ def test_another_lamp_is_known_again_after_a_time_in_which_nothing_was_seen():
     assert "another lamp" in str(pursuit.refused)
 
 
-@pytest.mark.parametrize(("between_s", "share"), [(0.0, 0.0), (2.0, 0.2)])
-def test_beside_a_second_lamp_that_is_lit_only_poses_of_ours_steer(between_s, share):
-    """The light of both is of a place between them."""
-    pursuit = beside()
+def share_of_other(pursuit, other, sigma_rad=0.18):
+    """Return the share of an equal lamp, at a place in the leader's frame, m, in the light."""
+    lights = []
+    for lamp in (np.zeros(3), other):
+        x, y, z = pursuit.place() - lamp
+        off = math.atan2(math.hypot(y, z), -x)
+        lights.append(math.exp(-((off / sigma_rad) ** 2) / 2) / (x * x + y * y + z * z))
+    return lights[1] / sum(lights)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.06])
+def test_beside_a_second_lamp_that_is_lit_it_steers_by_what_is_nearly_our_light(turn):
+    """A pose is of a place between the two. A leader that turned is not where it is expected."""
+    other = np.array([0.0, 1.5, 0.0])
+    pursuit = beside(seconds=8.0, turn=turn)
     assert pursuit.state == "searching"
-    pursuit.peak, pursuit.aside = 100.0, np.array([0.0, 0.3 * 1.5, 0.0])
-    if between_s:
-        pursuit.run(between_s)
-        assert isinstance(pursuit.refused, Outlier)
-        assert pursuit.state == "coasting"
-        assert "a second lamp was lit" in pursuit.following.state.reason
-    pursuit.aside = np.array([0.0, share * 1.5, 0.0])
-    pursuit.step()
-    assert pursuit.state == "locked"
+    pursuit.peak, begun = 100.0, pursuit.now
+    while pursuit.state != "locked":
+        share = share_of_other(pursuit, other)
+        pursuit.aside = share * other
+        pursuit.step()
+        assert pursuit.now < begun + 10
+        if pursuit.state == "coasting":
+            assert "a second lamp was lit" in pursuit.following.state.reason
+    assert pursuit.states[-2:] == ["coasting", "locked"]
+    assert share < 0.3
     pursuit.aside = np.zeros(3)
     pursuit.run(10)
     assert pursuit.off_station() < 0.1

@@ -6,6 +6,7 @@ import pytest
 from uuv_optical_array.control.leader.lamps import LEFT_S, LIT, LIT_IMAGES, Lamps
 from uuv_optical_array.control.leader.motion import Glow, LeaderMotion
 from uuv_optical_array.control.leader.other_lamp import OtherLamp
+from uuv_optical_array.control.leader.sight import SightSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 
 STATION = np.array([-4.5, 0.0, 0.0, 0.0, 0.0])
@@ -55,20 +56,21 @@ def test_only_after_a_fall_a_lamp_where_the_leader_cannot_be_is_held_apart(fell)
     leader = LeaderMotion(0.2, STATION, SURE)
     if not fell:
         with pytest.raises(Outlier, match="another lamp"):
-            lamps.whose(0.2, ASIDE, SURE, [leader], False, False)
+            lamps.whose(0.2, ASIDE, SURE, [leader], False, None)
         assert (lamps.other, lamps.met) == (None, False)
         return
-    assert lamps.whose(0.2, ASIDE, SURE, [leader], False, False) == "other"
+    assert lamps.whose(0.2, ASIDE, SURE, [leader], False, None) == "other"
     assert lamps.met
     # It goes on from there, and the leader from where it was.
-    assert lamps.whose(0.3, ASIDE, SURE, [leader], True, False) == "other"
-    assert lamps.whose(0.3, STATION, SURE, [leader], True, False) == "leader"
+    assert lamps.whose(0.3, ASIDE, SURE, [leader], True, None) == "other"
+    assert lamps.whose(0.3, STATION, SURE, [leader], True, None) == "leader"
 
 
-@pytest.mark.parametrize(("share", "whose"), [(0.1, "leader"), (0.5, "both"), (0.9, "both")])
-def test_what_is_between_two_lit_lamps_is_of_both(share, whose):
+@pytest.mark.parametrize(("to_port_m", "whose"), [(0.0, "leader"), (0.75, "both"), (1.5, "both")])
+def test_light_is_of_both_lamps_where_ours_is_not_much_brighter(to_port_m, whose):
     lamps, leader = Lamps(), LeaderMotion(0.0, STATION, SURE)
     lamps.other = OtherLamp(0.0, ASIDE, SURE, leader)
     lamps.other.alone = False
-    between = STATION + share * (ASIDE - STATION)
-    assert lamps.whose(0.0, between, SURE, [leader], True, True) == whose
+    leader.own[1] += to_port_m
+    assert lamps.whose(0.0, STATION, SURE, [leader], True, SightSettings()) == whose
+    assert lamps.whose(0.0, STATION, SURE, [leader], True, None) == "leader"

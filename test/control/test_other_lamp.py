@@ -15,6 +15,7 @@ from uuv_optical_array.control.leader.other_lamp import (
     goes_on,
     within_reach,
 )
+from uuv_optical_array.control.leader.sight import SightSettings
 
 STATION = np.array([-4.5, 0.3, -0.2, 0.05, -0.1])
 FIVE, ONE = chi2.isf(CHANCE, 5), chi2.isf(CHANCE, 1)
@@ -135,17 +136,6 @@ def test_a_leader_that_cannot_be_beside_the_other_lamp_goes_its_own_way():
     np.testing.assert_allclose(motion.place, 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("share", [-0.5, 0.0, 0.25, 1.0])
-def test_a_pose_between_two_lamps_is_that_much_of_the_other(share):
-    follower = np.array([-4.5, 0.4, 0.1, 0.0, 0.1])
-    leader, other = np.array([0.2, 0.1, 0.0, 0.0, 0.2]), np.array([0.8, 1.3, -0.4, 0.0, 0.1])
-    motion, lamp = company(leader, other, follower)
-    across = 0.3 * np.cross(other[:3] - leader[:3], [0.0, 0.0, 1.0])  # changes nothing
-    between = leader.copy()
-    between[:3] += share * (other - leader)[:3] + across
-    assert lamp.share(seen(follower, between), motion) == pytest.approx(share, abs=1e-9)
-
-
 def test_a_dim_pose_is_the_other_lamps_and_tells_nothing_of_its_motion():
     follower = np.array([-4.5, 0.0, 0.0, 0.0, 0.0])
     motion, lamp = company(np.zeros(5), np.array([0.0, 1.5, 0.0, 0.0, 0.0]), follower)
@@ -157,3 +147,49 @@ def test_a_dim_pose_is_the_other_lamps_and_tells_nothing_of_its_motion():
     np.testing.assert_array_equal(lamp.motion.place, place)
     assert lamp.has(pose, np.diag([0.1, 0.1, 0.1, 0.1, 0.1]), [motion])
     assert np.linalg.norm(lamp.motion.place - place) > 0.1
+
+
+def pair(place_y, off=(0.0, 0.0, 0.0)):
+    """Return another lamp 1.5 m to port of a leader, which is expected `off` of where it is.
+
+    The follower is 5 m behind, so far to port of the leader; both shine.
+    """
+    leader = LeaderMotion(0.0, np.array([-5.0, 0.0, 0.0, 0.0, 0.0]), 1e-4 * np.eye(5))
+    other = OtherLamp(0.0, np.array([-5.0, -1.5, 0.0, 0.0, 0.0]), 1e-4 * np.eye(5), leader)
+    other.alone = False
+    leader.own[1] = place_y
+    leader.place = np.array(off)
+    leader.covariance[:3, :3] = 0.2 * np.eye(3)
+    return other, leader
+
+
+@pytest.mark.parametrize(
+    ("place_y", "mixes"), [(-0.5, False), (0.0, False), (0.75, True), (1.5, True)]
+)
+def test_light_is_ours_where_the_other_lamp_is_dim(place_y, mixes):
+    other, leader = pair(place_y)
+    assert other.mixes(leader, SightSettings()) == mixes
+    other.alone = True
+    assert not other.mixes(leader, SightSettings())
+
+
+@pytest.mark.parametrize("off", [(0.0, 0.0, 0.0), (0.3, -0.4, 0.2), (-0.3, 0.2, 0.0)])
+def test_halfway_between_two_equal_lamps_their_light_is_from_halfway(off):
+    """So says symmetry. A step to a side turns the light so much that it tells little of that."""
+    other, leader = pair(0.75, off)
+    pose = np.array([-5.0, 0.0, 0.0, 0.0, 0.0])  # as of a lamp between the two
+    for tick in range(200):
+        leader.advance(0.1 * tick, np.zeros(5))
+        other.see_both(pose, np.diag([0.01, 0.01, 0.01, 1e-4, 1e-4]), leader, SightSettings())
+    assert leader.place[[0, 2]] == pytest.approx([0.0, 0.0], abs=0.05)
+    assert math.sqrt(leader.covariance[1, 1]) > max(0.4, 0.5 * abs(leader.place[1]))
+    if not off[1]:
+        assert leader.place[1] == pytest.approx(0.0, abs=0.01)
+    assert leader.unseen_s == 0
+
+
+def test_light_where_no_leader_can_be_tells_nothing():
+    other, leader = pair(0.75)
+    far = np.array([-5.0, 6.0, 0.0, 0.0, 0.0])
+    other.see_both(far, 1e-4 * np.eye(5), leader, SightSettings())
+    assert leader.place.tolist() == [0.0, 0.0, 0.0]

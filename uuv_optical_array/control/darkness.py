@@ -178,6 +178,11 @@ class Darkness:
         self._note_seen()
         return sure
 
+    def see_both(self, other: OtherLamp, pose: Array, covariance: Array) -> None:
+        """Let a pose of the light of leader and another lamp tell where the leader is."""
+        other.see_both(pose, covariance, self.motion, self._search)
+        self._note_seen()
+
     def _note_seen(self) -> None:
         if self.unseen_s == 0:
             self._last = copy(self.motion)

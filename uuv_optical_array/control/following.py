@@ -231,11 +231,13 @@ class Following:
         for motion in leaders:
             motion.advance(stamp_s, twist)
         lamps.advance(stamp_s, twist)
-        coasting = self.state.name == "coasting"
-        whose = lamps.whose(stamp_s, pose, covariance, leaders, reached, coasting)
+        sight = self._search if self.state.name == "coasting" else None
+        whose = lamps.whose(stamp_s, pose, covariance, leaders, reached, sight)
         if whose == "leader":
             return
         self._glow = None  # it is not the leader's
+        if whose == "both" and lamps.other is not None and dark is not None:
+            dark.see_both(lamps.other, pose, covariance)
         if whose == "other" and lamps.other is not None and dark is not None:
             lamps.other.lead(dark.motion)
             if self.state.name == "searching":

@@ -12,6 +12,7 @@ from typing import Literal
 
 from uuv_optical_array.control.leader.motion import LIKELY, Glow, LeaderMotion
 from uuv_optical_array.control.leader.other_lamp import OtherLamp
+from uuv_optical_array.control.leader.sight import SightSettings
 from uuv_optical_array.core.geometry import Array
 
 # By what factor, and beyond each of how many images, light grows where a second lamp is lit and
@@ -71,19 +72,19 @@ class Lamps:
         covariance: Array,
         leaders: Sequence[LeaderMotion],
         reached: bool,
-        coasting: bool,
+        sight: SightSettings | None,
     ) -> Whose:
         """Say whose lamp a pose is of, or that it is of the light of ``both``.
 
         - leaders: the leader as it is expected, and as a light that settles has it; all moved on.
         - reached: whether the leader may have got there since its light was seen.
-        - coasting: whether the leader is taken to go on.
+        - sight: of lamps, while the leader is taken to go on; ``None``: it is not.
         - Outlier: where the leader is not expected, and no lamp went out.
         """
         leader, other = leaders[0], self.other
         if other is not None and other.has(pose, covariance, leaders):
             return "other"
-        if other is not None and coasting and other.mixed(pose, leader):
+        if other is not None and sight is not None and other.mixes(leader, sight):
             return "both"
         ours = leader.in_line(pose, covariance, LIKELY) if self._left else reached
         if ours or not self._fell(stamp_s):

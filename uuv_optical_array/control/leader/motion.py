@@ -162,6 +162,12 @@ class LeaderMotion:
         """Take a pose that it `expects`, whatever it knows."""
         self._correct(*self.off(pose, covariance), np.eye(5, 10))
 
+    def take(self, off: Array, spread: Array, sees: Array) -> None:
+        """Take an innovation, ``(m,)``, if it may be that far off; arguments as of `_correct`."""
+        expected = sees @ self.covariance @ sees.T + spread
+        if off @ np.linalg.solve(expected, off) <= chdtri(len(off), CHANCE):
+            self._correct(off, spread, sees)
+
     def face(self, glow: Glow) -> None:
         """Take where an image is brightest, if the leader may be there."""
         range_m = float(np.linalg.norm(self.place - self.own[:3]))
@@ -174,9 +180,8 @@ class LeaderMotion:
         off = across @ (self.own[:3] - self.place)
         ahead = float(line[:, 0] @ (self.place - self.own[:3])) > 0
         spread = std_m**2 * np.eye(2)
-        expected = across @ self.covariance[:3, :3] @ across.T + spread
-        if ahead and off @ np.linalg.solve(expected, off) <= chdtri(2, CHANCE):
-            self._correct(off, spread, across @ np.eye(3, 10))
+        if ahead:
+            self.take(off, spread, across @ np.eye(3, 10))
 
     def hear(self, twist: Array, covariance: Array) -> bool:
         """Take a motion that the leader tells, ``(5,)`` in its axes, and its covariance.

@@ -8,12 +8,14 @@ later, when the leader might be there. It is not followed. It may be in company 
 which is then beside it as before; by that the follower goes on in the dark, and searches.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import chdtri
 
 from uuv_optical_array.control.leader.motion import CHANCE, LeaderMotion, seen_at, slopes, turning
+from uuv_optical_array.control.leader.sight import SightSettings
 from uuv_optical_array.control.vehicles.vehicle import VehicleLimits
 from uuv_optical_array.core.geometry import Array, rotation_matrix, wrapped
 
@@ -24,8 +26,10 @@ MOST_CHANGE = np.array(VehicleLimits.acceleration)
 ROOM = np.repeat([0.5, 0.1], [3, 2])
 # Standard deviation of a place, m, beyond which a pose tells nothing of a lamp's motion.
 KNOWN_M = 1.0
-# Share of the way from the leader to another lamp to which a pose of the light of both is ours.
-OURS = 0.25
+# Share of another lamp in the light of both up to which a pose of it is ours, and by how much of
+# the way between them, as a standard deviation, that pose is elsewhere.
+OURS, SHARE_STD = 0.25, 0.25
+STEP_M = 1e-3  # of a slope
 
 
 class OtherLamp:
@@ -65,16 +69,36 @@ class OtherLamp:
         leader.speed = rotation.T @ (self.motion.speed + turning(turn, self.place))
         return True
 
-    def mixed(self, pose: Array, leader: LeaderMotion) -> bool:
-        """Say whether a pose is of the light of both, and too far from a leader's to be its."""
-        return not self.alone and self.share(pose, leader) > OURS
+    def mixes(self, leader: LeaderMotion, sight: SightSettings) -> bool:
+        """Say whether the light where a leader in its company is seen from is too much its own."""
+        return not self.alone and self._share(leader, leader.place, sight) > OURS
 
-    def share(self, pose: Array, leader: LeaderMotion) -> float:
-        """Return how far a pose is from a leader's, 0, towards this lamp's, 1."""
-        lamp, _ = seen_at(leader.own, pose)
-        other, _ = seen_at(leader.own, self.motion.pose)
-        way = other - leader.place
-        return float((lamp - leader.place) @ way / (way @ way))
+    def see_both(
+        self, pose: Array, covariance: Array, leader: LeaderMotion, sight: SightSettings
+    ) -> None:
+        """Let a pose of the light of both, which is from between them, tell where a leader is.
+
+        Where the share changes fast from place to place, it tells little along the way between.
+        """
+        way, share = self._way(leader), self._share(leader, leader.place, sight)
+        by_place = [self._share(leader, leader.place + each, sight) for each in STEP_M * np.eye(3)]
+        sees = np.eye(5, 10)
+        sees[:3, :3] += np.outer(way, np.subtract(by_place, share) / STEP_M)
+        off, spread = leader.off(pose, covariance)
+        off[:3] -= share * way
+        spread[:3, :3] += SHARE_STD**2 * np.outer(way, way)
+        leader.take(off, spread, sees)
+
+    def _share(self, leader: LeaderMotion, place: Array, sight: SightSettings) -> float:
+        """Return its share of the light of both, as that of a leader at a place falls off."""
+        lamps = place + np.stack([np.zeros(3), self._way(leader)])
+        headings = np.stack([leader.heading, leader.heading - self.heading])
+        own, other = sight.light(leader.own[:3], lamps, headings)
+        return 1 / (1 + math.exp(own - other))
+
+    def _way(self, leader: LeaderMotion) -> Array:
+        """Return the way from a leader in its company to this lamp, m, ``(3,)``."""
+        return -rotation_matrix(*(leader.heading - self.heading)) @ self.place
 
     def beside(self, own: Array) -> tuple[Array, Array]:
         """Return place and heading of a leader in its company, by where the follower is."""

@@ -15,13 +15,16 @@ from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
 from std_msgs.msg import UInt8
 
+from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.node import publish, run, spin, start, subscribe
+
+ENDING = signal.SIGINT, signal.SIGTERM
 
 
 @pytest.fixture
 def executor():
     """Return an executor of a context that the test started as a node does."""
-    usual = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    usual = {number: signal.getsignal(number) for number in ENDING}
     start([])
     yield SingleThreadedExecutor()
     rclpy.try_shutdown()
@@ -29,7 +32,7 @@ def executor():
         signal.signal(number, handler)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", ENDING)
 def test_a_signal_in_a_callback_waits_for_its_end(executor, number):
     begun, ended = [], []
     node = Node("node", use_global_arguments=False)
@@ -64,6 +67,31 @@ def test_a_callback_that_does_not_end_is_broken_off_after_a_signal(executor):
     executor.add_node(node)
     assert spin(executor)
     assert broken_off == [1]
+
+
+def test_what_is_broken_off_is_no_fault_of_its_message(capfd):
+    """As the fit of an image by NumPy, amid which a node is stopped, under the node's executor."""
+
+    class Slow(Node):
+        def __init__(self):
+            super().__init__("slow")
+            self.diagnostics = Diagnostics(self)
+            self.create_timer(0.001, self.callback)
+
+        def callback(self):
+            with self.diagnostics.refusing():
+                os.kill(os.getpid(), signal.SIGINT)
+                until = time.monotonic() + PATIENCE_S
+                while time.monotonic() < until:
+                    pass
+                ended.append(1)
+
+    ended, usual = [], [signal.getsignal(number) for number in ENDING]
+    run(Slow)
+    for number, handler in zip(ENDING, usual, strict=True):
+        signal.signal(number, handler)
+    assert not ended
+    assert capfd.readouterr() == ("", "")
 
 
 def test_what_is_no_longer_wanted_ends_and_signals_are_as_before(executor):

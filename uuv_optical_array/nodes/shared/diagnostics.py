@@ -20,6 +20,10 @@ UNKNOWN = "a node not known by name yet"  # its publishers are found before it i
 SEPARATE = "give each run a namespace or a ROS_DOMAIN_ID of its own"
 
 
+class BrokenOff(KeyboardInterrupt):
+    """Work that was broken off as the node is to end; nothing more is said of its message."""
+
+
 def publishers(node: Node, topic: str) -> list[str]:
     """Return the full names of the nodes that publish on a topic, one for each publisher."""
     ends = node.get_publishers_info_by_topic(topic)
@@ -109,6 +113,8 @@ class Diagnostics:
         """Refuse the message that a block finds bad; the reason begins with the topic."""
         try:
             yield
+        except BrokenOff:
+            pass  # the executor of events would log it as a fault of the node
         except (NoPose, ValueError) as reason:
             self.refuse(f"{topic}, {reason}" if topic else str(reason))
 

@@ -22,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
+from uuv_optical_array.nodes.shared.diagnostics import BrokenOff
 from uuv_optical_array.nodes.shared.messages import not_finite
 from uuv_optical_array.nodes.shared.sections import note_arguments
 
@@ -175,9 +176,12 @@ def spin(executor: Executor, wanted: Callable[[], bool] = lambda: True) -> bool:
         signals.append(number)
         signal.setitimer(signal.ITIMER_REAL, PATIENCE_S)
 
+    def break_off(number: int, frame: FrameType | None) -> None:
+        raise BrokenOff
+
     numbers = signal.SIGINT, signal.SIGTERM
     before = [signal.signal(number, caught) for number in numbers]
-    signal.signal(signal.SIGALRM, signal.default_int_handler)
+    signal.signal(signal.SIGALRM, break_off)
     try:
         while rclpy.ok() and not signals and wanted():
             executor.spin_once(timeout_sec=0.1)

@@ -121,30 +121,30 @@ def speed() -> Figures:
 
 @cache
 def signatures() -> Figures:
-    """Return the CPU time of a million signatures, and of the table of `follow`, s."""
-    return {"s": frames.million_signatures_s(), "table": frames.table_s()}
+    """Return what a million signatures cost, thousands of yardsticks, and `follow`'s table, s."""
+    return {"million": frames.million_signatures().yardsticks / 1e3, "table": frames.table_s()}
 
 
 @cache
 def compiling() -> Figures:
-    """Return the CPU time of compiling the fit into an empty cache, s, and in yardsticks compiled.
+    """Return the CPU time of compiling into an empty cache, over that of compiling a yardstick.
 
-    The yardstick is that of `frames`.
+    It is that of `frames`, compiled before and after each. ``s``: of the fit, s.
     """
-    with tempfile.TemporaryDirectory() as empty:
-        fit_s = _cpu_s(COMPILE, NUMBA_CACHE_DIR=empty)
+    units, spent = [_yardstick_compiled_s()], {}
+    for name, program in (("fit", COMPILE), ("tables", COMPILE_TABLES)):
+        with tempfile.TemporaryDirectory() as empty:
+            spent[name] = _cpu_s(program, NUMBA_CACHE_DIR=empty)
+        units.append(_yardstick_compiled_s())
+    fit, tables = spent["fit"] / np.mean(units[:2]), spent["tables"] / np.mean(units[1:])
+    return {"fit": float(fit), "tables": float(tables), "s": spent["fit"]}
+
+
+def _yardstick_compiled_s() -> float:
     call = "; frames.yardstick(np.ones((6, 25)), np.ones(25), np.ones(5))"
     path = f"import sys; sys.path.append({str(HERE)!r}); "
     imports = f"{path}import frames; import numpy as np"
-    yardstick_s = _cpu_s(imports + call) - _cpu_s(imports)
-    return {"s": fit_s, "yardsticks": fit_s / yardstick_s}
-
-
-@cache
-def compiling_tables() -> Figures:
-    """Return the CPU time of compiling what tables run into an empty cache, s."""
-    with tempfile.TemporaryDirectory() as empty:
-        return {"s": _cpu_s(COMPILE_TABLES, NUMBA_CACHE_DIR=empty)}
+    return _cpu_s(imports + call) - _cpu_s(imports)
 
 
 @cache

@@ -1,5 +1,6 @@
 """Photometric files: beams of known Gaussians written as LM-63 and EULUMDAT, and read again."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -144,8 +145,7 @@ def test_what_is_no_such_file_or_no_such_beam_is_refused(tmp_path, name, text, e
 def test_a_scene_takes_the_beam_of_its_file_and_says_so(tmp_path):
     written(tmp_path, ies([0], [ROW]))
     scene = tmp_path / "scene.yaml"
-    given = "extends: follow\nlamp: {photometry: lamp.ies, beam_sigma_deg: null}\n"
-    scene.write_text(given, encoding="utf-8")
+    scene.write_text("extends: follow\nlamp: {photometry: lamp.ies}\n", encoding="utf-8")
     found = load_scene(scene)
     lamp, base = found.lamp, ready("follow").lamp
     assert (lamp.photometry, lamp.reference_counts) == (None, base.reference_counts)
@@ -159,6 +159,12 @@ def test_a_scene_takes_the_beam_of_its_file_and_says_so(tmp_path):
     again = tmp_path / "again.yaml"
     again.write_text(text, encoding="utf-8")
     assert load_scene(again).settings() == found.settings()
+    given = "extends: follow\nlamp: {photometry: lamp.ies, beam_sigma_deg: null}\n"
+    scene.write_text(given, encoding="utf-8")
+    assert load_scene(scene).settings() == found.settings()
+    wider = tmp_path / "wider.yaml"
+    wider.write_text("extends: scene.yaml\nlamp: {beam_sigma_deg: 9.0}\n", encoding="utf-8")
+    assert load_scene(wider).lamp == dataclasses.replace(base, beam_sigma_deg=9.0)
     scene.write_text(given.replace("null", "8.0"), encoding="utf-8")
     with pytest.raises(ValueError, match=r"photometry: given beside beam_sigma_deg"):
         load_scene(scene)

@@ -19,6 +19,7 @@ LARGEST_RMS = 10.0  # of 1000 on the axis: beyond it poses would be false more t
 LEAST_RATIO = 1.3  # of two widths: nearer ones have large weights that cancel out
 WIDEST = 1.9  # half-widths: a wider Gaussian shines beyond the reach, where the lamp does not
 POINTS = 100  # of the fit
+BEAM = "beam_sigma_deg", "beam_widths", "beam_weights"  # keys of a lamp that a file stands for
 
 
 class FittedBeam(NamedTuple):
@@ -60,11 +61,10 @@ def with_photometry(lamp: Any) -> Any:
     file = lamp.get("photometry") if isinstance(lamp, dict) else None
     if file is None:
         return lamp
-    for key in ("beam_sigma_deg", "beam_widths", "beam_weights"):
+    for key in BEAM:
         if lamp.get(key) is not None:
             raise ValueError(
-                f"lamp.photometry: given beside {key}, which it stands for; null removes what an "
-                "extended scene gives"
+                f"lamp.photometry: given beside {key}, which it stands for; give one of them"
             )
     if not isinstance(file, str):
         raise ValueError(f"lamp.photometry: {file!r} is not a text; give a file, .ies or .ldt")

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from uuv_optical_array.core.settings import hint
 from uuv_optical_array.core.storage import files, yaml_text
+from uuv_optical_array.forward.photometry import BEAM
 
 READY = "config/scenes"
 SUFFIXES = ".yaml", ".yml"
@@ -122,10 +123,24 @@ def merged(layers_of_scene: Sequence[Layer]) -> Mapping[str, Any]:
     settings = last.settings
     for layer in reversed(changes):
         try:
-            settings = _changed(settings, layer.settings, "")
+            settings = _changed(_without_beam(settings, layer.settings), layer.settings, "")
         except ValueError as error:
             raise ValueError(f"scene {layer.file}: {error}") from None
     return settings
+
+
+def _without_beam(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Leave out the beam of an extended scene where the lamp of its changes has another.
+
+    A photometric file takes the place of the keys that it stands for, and each of these of a file;
+    null speaks for itself.
+    """
+    lamp, new = base.get("lamp"), changes.get("lamp")
+    if not (isinstance(lamp, Mapping) and isinstance(new, Mapping)):
+        return base
+    given = {key for key, value in new.items() if value is not None}
+    gone = {*BEAM} if "photometry" in given else {"photometry"} if given & {*BEAM} else set()
+    return {**base, "lamp": {key: lamp[key] for key in lamp if key in new or key not in gone}}
 
 
 def _changed(base: Mapping[str, Any], changes: Mapping[str, Any], where: str) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from uuv_optical_array.calibration.fit.beam_shape import (
     CHECK,
     FIT_SHAPE,
     PARTLY,
+    drawn_places,
     missing_shape,
     wrong_beam,
 )
@@ -97,7 +98,7 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
         limit *= chdtri(agreement.freedoms, FALSE_REFUSAL) / agreement.freedoms
     independent = not any(_correlated(fit))
     if agreement.misfit <= limit or (fit_noise and independent):
-        return _at_bound(fit)
+        return drawn_places(fit) or _at_bound(fit)
     reason = (
         f"the model does not explain the images: mean squared residual {agreement.misfit:.6g} of "
         f"{agreement.freedoms} degrees of freedom, where noise gives at most {limit:.3g}"

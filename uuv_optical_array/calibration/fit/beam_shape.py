@@ -144,18 +144,26 @@ def wrong_beam(fit: CalibrationFit, missing: MissingShape) -> str:
             f"the model does not explain the images: it differs by {left:.1%} of the light, where "
             f"a beam of other shape may by {MOST_LEFT:.1%}; {CHECK}"
         )
-    scale, error = common_scale(fit)
-    if fit.shaped and abs(scale) > max(SIGNIFICANT * error, MOST_SCALE):
-        nearer = "nearer to" if scale < 0 else "farther from"
-        return (
-            f"the images draw all places {abs(scale):.1%} {nearer} the beam's axis, "
-            f"{abs(scale) / error:.0f} standard errors of such places: the beam differs from the "
-            "scene's Gaussians by more than they can tell; measure places better, or take a "
-            "diffuser or a softer beam"
-        )
     if missing.explains(BY_BEAM):
         return (
             "the beam of the lamp has another shape than the scene's: the residuals go by the "
             f"angle off its axis; {FIT_SHAPE}"
         )
     return ""
+
+
+def drawn_places(fit: CalibrationFit) -> str:
+    """Say that the images draw all places to the beam's axis, or from it, if so; or nothing.
+
+    Places that err each by itself do not; they follow a beam that is not the scene's.
+    """
+    scale, error = common_scale(fit)
+    if abs(scale) <= max(SIGNIFICANT * error, MOST_SCALE):
+        return ""
+    nearer = "nearer to" if scale < 0 else "farther from"
+    cure = "take a diffuser or a softer beam" if fit.shaped else FIT_SHAPE
+    return (
+        f"the images draw all places {abs(scale):.1%} {nearer} the beam's axis, "
+        f"{abs(scale) / error:.0f} standard errors of such places: the beam differs from the "
+        f"scene's Gaussians by more than they can tell; measure places better, or {cure}"
+    )

@@ -78,6 +78,18 @@ def test_the_gaussians_of_a_file_are_found(tmp_path, parts):
     assert beam.sigma_deg == pytest.approx(half / math.sqrt(2 * math.log(2)), rel=1e-3)
 
 
+@pytest.mark.parametrize("parts", [((6.0, 1.0),), ((6.0, 0.7), (11.0, 0.3))])
+def test_there_are_no_more_gaussians_than_the_beam_has(tmp_path, parts):
+    beam = fitted(read(written(tmp_path, ies([0], [beam_of(parts)]))))
+    np.testing.assert_allclose(beam.weights, [weight for _, weight in parts], atol=2e-3)
+    sigmas = np.array(beam.widths) * beam.sigma_deg
+    np.testing.assert_allclose(sigmas, [sigma for sigma, _ in parts], rtol=3e-3)
+    assert beam.rms < 0.1
+    shaped = "beam_weights" in beam.settings()
+    assert shaped == (len(parts) > 1)
+    assert ("one Gaussian is within" in beam.text()) != shaped
+
+
 def elliptic(turn_deg):
     """Return a beam whose planes differ; its mean about the axis is a sum of many."""
     return beam_of(((9.0 + 1.0 * math.cos(2 * math.radians(turn_deg)), 0.7), (20.0, 0.3)))

@@ -16,6 +16,7 @@ from uuv_optical_array.forward.photometric_files import Photometry, read
 
 REACH = 2.2  # half-widths
 LARGEST_RMS = 10.0  # of 1000 on the axis: beyond it poses would be false more than wide
+ENOUGH_RMS = 0.3  # of 1000: further Gaussians would fit nothing, with weights that cancel out
 LEAST_RATIO = 1.3  # of two widths: nearer ones have large weights that cancel out
 WIDEST = 1.9  # half-widths: a wider Gaussian shines beyond the reach, where the lamp does not
 POINTS = 100  # of the fit
@@ -42,13 +43,17 @@ class FittedBeam(NamedTuple):
 
     def settings(self) -> dict[str, Any]:
         """Return what a scene's lamp says of it."""
+        if len(self.widths) == 1:
+            return {"beam_sigma_deg": round(self.sigma_deg * self.widths[0], 3)}
         shape = {"beam_widths": self.widths, "beam_weights": self.weights}
         return {"beam_sigma_deg": self.sigma_deg, **shape}
 
     def text(self) -> str:
         """Return how well it fits, in a sentence."""
+        many = len(self.widths)
+        count = f"{many} Gaussians are" if many > 1 else "one Gaussian is"
         return (
-            f"{len(self.widths)} Gaussians are within {self.rms:.1f} of 1000 (rms out to "
+            f"{count} within {self.rms:.1f} of 1000 (rms out to "
             f"{self.reach_deg:.1f} deg) of the file, whose planes differ by {self.planes_rms:.0f}"
         )
 
@@ -104,7 +109,7 @@ def points_of(file: Photometry) -> Points:
 
 
 def fitted(file: Photometry) -> FittedBeam:
-    """Fit up to three Gaussians to what a file says.
+    """Fit up to three Gaussians to what a file says, as few as are enough.
 
     ValueError where they do not come within `LARGEST_RMS`.
     """
@@ -128,13 +133,16 @@ def fitted(file: Photometry) -> FittedBeam:
         return rms + outside
 
     best: tuple[float, Array] = math.inf, np.zeros(0)
-    for start in (0.3, 0.5, 0.8):
-        for step in (0.1, 0.5):
-            at = np.array([math.log(start * half), math.log(step), math.log(step)])
-            options = {"maxiter": 400, "xatol": 1e-4, "fatol": 1e-3}
-            found = minimize(cost, at, method="Nelder-Mead", options=options)
-            if found.fun < best[0]:
-                best = float(found.fun), sigmas_of(found.x)
+    for steps in range(3):
+        if best[0] < ENOUGH_RMS:
+            break
+        for start in (0.3, 0.5, 0.8):
+            for step in (0.1, 0.5):
+                at = np.array([math.log(start * half), *[math.log(step)] * steps])
+                options = {"maxiter": 400, "xatol": 1e-4, "fatol": 1e-3}
+                found = minimize(cost, at, method="Nelder-Mead", options=options)
+                if found.fun < best[0]:
+                    best = float(found.fun), sigmas_of(found.x)
     rms, sigmas = best
     if rms > LARGEST_RMS:
         raise ValueError(

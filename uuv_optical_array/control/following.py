@@ -23,9 +23,10 @@ An equal lamp beside the leader's, which goes out, is not followed but held apar
 light falls at once, and what is left is not where the leader is expected. While the track takes
 that up, what it says changes nothing of what is known of the leader. In the dark the leader is
 taken to go on beside that lamp, for as long as it may. Where light grows at once a second lamp is
-lit; then the follower goes on to where the leader would be, by none of the poses between the two,
-and what is found is said to be doubtful. That of two lamps that merge and part again is refused
-until the leader may be there.
+lit; then the follower goes on to where the leader would be, and poses of the light of both, which
+are from between the two, steer only from where the leader's is much brighter. Until then they tell
+where the two are. What is found is said to be doubtful. That of two lamps that merge and part again
+is refused until the leader may be there.
 """
 
 import math

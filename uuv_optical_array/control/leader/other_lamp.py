@@ -6,6 +6,9 @@ a fall, if the leader cannot have got there since its light was seen, however ha
 brakes and turns. It stays so: what goes on from it rather than from the leader is that lamp, also
 later, when the leader might be there. It is not followed. It may be in company with the leader,
 which is then beside it as before; by that the follower goes on in the dark, and searches.
+
+Where both shine, a pose is of a place between them, nearer to the one that is brighter where the
+follower is. Where that is the leader's by far, it is the leader's pose.
 """
 
 import math

@@ -198,10 +198,7 @@ class CalibrationFit:
             if not good.any():
                 break
             self.outlying_images = tuple(np.flatnonzero(bad_images).tolist())
-            hopeless = likelihood.shape_std >= MOST_SHAPE
-            steady = self._widened(state)
-            hopeless &= likelihood.shape_std >= MOST_SHAPE
-            if hopeless or (steady and (good == likelihood.used).all()):
+            if self._widened(state) and (good == likelihood.used).all():
                 break
             likelihood.used = good
         self.state = likelihood.evaluate(at, expected=True)

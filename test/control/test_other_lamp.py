@@ -154,8 +154,8 @@ def pair(place_y, off=(0.0, 0.0, 0.0)):
 
     The follower is 5 m behind, so far to port of the leader; both shine.
     """
-    leader = LeaderMotion(0.0, np.array([-5.0, 0.0, 0.0, 0.0, 0.0]), 1e-4 * np.eye(5))
-    other = OtherLamp(0.0, np.array([-5.0, -1.5, 0.0, 0.0, 0.0]), 1e-4 * np.eye(5), leader)
+    follower, to_port = np.array([-5.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.0, 1.5, 0.0, 0.0, 0.0])
+    leader, other = company(np.zeros(5), to_port, follower)
     other.alone = False
     leader.own[1] = place_y
     leader.place = np.array(off)

@@ -305,7 +305,8 @@ class Darkness:
         if rise_m_per_s:
             goal[2] = self.own[2]
         speed = np.array([0.0, 0.0, rise_m_per_s, 0.0, 0.0])
-        depths = self._depths()[bool(rise_m_per_s) :]
+        upper, lower = self._depths()
+        depths = [lower] if rise_m_per_s else [upper, lower]
         return Aim(wrapped(goal - self.own), speed, self._to_body, [], depths)
 
     def _depths(self) -> list[KeepOff]:

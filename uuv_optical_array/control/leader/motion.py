@@ -125,7 +125,7 @@ class LeaderMotion:
         """Say whether the lamp of a pose is where the leader's may be, but for a chance."""
         off, spread = self.off(pose, covariance)
         spread = (spread + self.covariance[:5, :5])[:3, :3]
-        return float(off[:3] @ np.linalg.solve(spread, off[:3])) <= chdtri(3, chance)
+        return plausible(off[:3], spread, chance)
 
     def in_line(self, pose: Array, covariance: Array, chance: float) -> bool:
         """Say whether it `expects` a pose whose range may be any, as that of a lamp that dims."""
@@ -165,7 +165,7 @@ class LeaderMotion:
     def take(self, off: Array, spread: Array, sees: Array) -> None:
         """Take an innovation, ``(m,)``, if it may be that far off; arguments as of `_correct`."""
         expected = sees @ self.covariance @ sees.T + spread
-        if off @ np.linalg.solve(expected, off) <= chdtri(len(off), CHANCE):
+        if plausible(off, expected):
             self._correct(off, spread, sees)
 
     def face(self, glow: Glow) -> None:
@@ -200,7 +200,7 @@ class LeaderMotion:
     def reaches(self, place: Array, heading: Array) -> bool:
         """Say whether it may be at a place, m, with a heading, rad, but for a chance."""
         off = np.concatenate([place - self.place, wrapped(heading - self.heading, 1)])
-        return float(off @ np.linalg.solve(self.covariance[:5, :5], off)) <= chdtri(5, CHANCE)
+        return plausible(off, self.covariance[:5, :5])
 
     def _correct(self, off: Array, spread: Array, sees: Array) -> None:
         """Correct by an innovation, ``(m,)``, its covariance and what it sees, ``(m, 10)``."""
@@ -217,6 +217,11 @@ class LeaderMotion:
         self.heading = wrapped(self.heading + change[3:5], 1)
         self.speed = self.speed + self.rotation.T @ change[5:8]
         self.turn = self.turn + change[8:]
+
+
+def plausible(off: Array, spread: Array, chance: float = CHANCE) -> bool:
+    """Say whether a Gaussian of a covariance is so far off its mean, ``(n,)``, but for a chance."""
+    return bool(off @ np.linalg.solve(spread, off) <= chdtri(len(off), chance))
 
 
 def seen_at(own: Array, pose: Array) -> tuple[Array, Array]:

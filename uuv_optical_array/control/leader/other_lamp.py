@@ -17,7 +17,14 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtri
 
-from uuv_optical_array.control.leader.motion import CHANCE, LeaderMotion, seen_at, slopes, turning
+from uuv_optical_array.control.leader.motion import (
+    CHANCE,
+    LeaderMotion,
+    plausible,
+    seen_at,
+    slopes,
+    turning,
+)
 from uuv_optical_array.control.leader.sight import SightSettings
 from uuv_optical_array.control.vehicles.vehicle import VehicleLimits
 from uuv_optical_array.core.geometry import Array, rotation_matrix, wrapped
@@ -129,4 +136,4 @@ def within_reach(off: Array, spread: Array, since_s: float) -> bool:
     """
     reach = ROOM + MOST_CHANGE * since_s**2 / 2
     spread = spread + np.diag(np.square(reach)) / chdtri(1, CHANCE)
-    return float(off @ np.linalg.solve(spread, off)) <= chdtri(5, CHANCE)
+    return plausible(off, spread)

@@ -132,17 +132,18 @@ def fitted(file: Photometry) -> FittedBeam:
         outside = 1e3 if weights.sum() <= 0 or _dark(weights, sigmas) else 0.0
         return rms + outside
 
+    firsts, steps = np.log(np.multiply((0.3, 0.5, 0.8), half)), np.log((0.1, 0.5))
+    starts = [np.array([first]) for first in firsts]
+    for more in (1, 2):
+        starts += [np.array([first, *[step] * more]) for first in firsts for step in steps]
     best: tuple[float, Array] = math.inf, np.zeros(0)
-    for steps in range(3):
-        if best[0] < ENOUGH_RMS:
+    for at in starts:
+        if best[0] < ENOUGH_RMS and len(at) > len(best[1]):
             break
-        for start in (0.3, 0.5, 0.8):
-            for step in (0.1, 0.5):
-                at = np.array([math.log(start * half), *[math.log(step)] * steps])
-                options = {"maxiter": 400, "xatol": 1e-4, "fatol": 1e-3}
-                found = minimize(cost, at, method="Nelder-Mead", options=options)
-                if found.fun < best[0]:
-                    best = float(found.fun), sigmas_of(found.x)
+        options = {"maxiter": 400, "xatol": 1e-4, "fatol": 1e-3}
+        found = minimize(cost, at, method="Nelder-Mead", options=options)
+        if found.fun < best[0]:
+            best = float(found.fun), sigmas_of(found.x)
     rms, sigmas = best
     if rms > LARGEST_RMS:
         raise ValueError(

@@ -97,8 +97,11 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
     if agreement.freedoms > 0:
         limit *= chdtri(agreement.freedoms, FALSE_REFUSAL) / agreement.freedoms
     independent = not any(_correlated(fit))
-    if agreement.misfit <= limit or (fit_noise and independent):
-        return drawn_places(fit) or _at_bound(fit)
+    explained = agreement.misfit <= limit or (fit_noise and independent)
+    if (explained or fit.shaped) and (drawn := drawn_places(fit)):
+        return drawn
+    if explained:
+        return _at_bound(fit)
     reason = (
         f"the model does not explain the images: mean squared residual {agreement.misfit:.6g} of "
         f"{agreement.freedoms} degrees of freedom, where noise gives at most {limit:.3g}"

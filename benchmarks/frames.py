@@ -16,6 +16,7 @@ from numba import njit
 
 from uuv_optical_array import Estimator, ForwardModel, build_table, load_scene
 from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature_table import grid_parameters, table_compiler
 from uuv_optical_array.forward.prior import PriorSettings
@@ -75,6 +76,11 @@ def yardstick(detectors, readings, start):
     return at
 
 
+def example(rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Return arguments of the yardstick: detectors, readings and start."""
+    return rng.random((6, 25)), rng.random(25), np.array([6.0, 0.2, 0.2, 0.2, 0.2])
+
+
 def cpu_us(call: Callable[..., Any], *arguments: Any) -> float:
     """Return the CPU time of a call, us."""
     before = time.thread_time_ns()
@@ -114,9 +120,8 @@ class Row(NamedTuple):
 def measure() -> Iterator[Row]:
     """Yield a row for each case, of `FRAMES` frames."""
     rng = np.random.default_rng(1)
-    detectors, readings, start = rng.random((6, 25)), rng.random(25), np.full(5, 0.2)
-    start[0] = 6.0
-    yardstick(detectors, readings, start)
+    asked_of_unit = example(rng)
+    yardstick(*asked_of_unit)
     reference = load_scene("reference")
     cases = {
         "least_squares, reference": (reference, "least_squares"),
@@ -141,7 +146,7 @@ def measure() -> Iterator[Row]:
         estimator.estimate(*asked[0])
         times, units, without = [], [], 0
         for arguments in asked:
-            units.append(cpu_us(yardstick, detectors, readings, start))
+            units.append(cpu_us(yardstick, *asked_of_unit))
             try:
                 times.append(cpu_us(estimator.estimate, *arguments))
             except NoPose:
@@ -159,8 +164,7 @@ class Cost(NamedTuple):
 
 def cost_of(call: Callable[..., Any], *arguments: Any, repeats: int) -> Cost:
     """Return the medians of what a call costs."""
-    rng = np.random.default_rng(1)
-    asked = rng.random((6, 25)), rng.random(25), np.array([6.0, 0.2, 0.2, 0.2, 0.2])
+    asked = example(np.random.default_rng(1))
 
     def unit_us() -> float:
         return float(np.median([cpu_us(yardstick, *asked) for _ in range(200)]))

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from frames import cpu_us, yardstick
+from frames import cpu_us, example, yardstick
 
 from uuv_optical_array import Estimator, ForwardModel, load_scene
 from uuv_optical_array.core.numerics import compilation, elementwise, linked_functions
@@ -95,9 +95,8 @@ def measure(name: str) -> dict[str, float]:
     figures = {"compiling, s": time.process_time() - before}
     gc.enable()
     rng = np.random.default_rng(1)
-    detectors, readings, start = rng.random((6, 25)), rng.random(25), np.full(5, 0.2)
-    start[0] = 6.0
-    yardstick(detectors, readings, start)
+    asked_of_unit = example(rng)
+    yardstick(*asked_of_unit)
     for scene_name, count in IMAGES.items():
         scene = load_scene(scene_name)
         model, estimator = ForwardModel(scene), Estimator(scene).wait()
@@ -105,7 +104,7 @@ def measure(name: str) -> dict[str, float]:
         times, units = np.empty((2, REPEATS, count))
         for k in range(REPEATS):
             for i, image in enumerate(images):
-                units[k, i] = cpu_us(yardstick, detectors, readings, start)
+                units[k, i] = cpu_us(yardstick, *asked_of_unit)
                 times[k, i] = cpu_us(estimator.estimate, image)
         figures[scene_name] = float(np.median(times.min(axis=0)) / np.median(units.min(axis=0)))
     return figures

@@ -129,7 +129,7 @@ def signatures() -> Figures:
 def compiling() -> Figures:
     """Return the CPU time of compiling into an empty cache, over that of compiling a yardstick.
 
-    It is that of `frames`, compiled before and after each. ``s``: of the fit, s.
+    It is that of `frames`, compiled before and after each.
     """
     units, spent = [_yardstick_compiled_s()], {}
     for name, program in (("fit", COMPILE), ("tables", COMPILE_TABLES)):
@@ -137,7 +137,7 @@ def compiling() -> Figures:
             spent[name] = _cpu_s(program, NUMBA_CACHE_DIR=empty)
         units.append(_yardstick_compiled_s())
     fit, tables = spent["fit"] / np.mean(units[:2]), spent["tables"] / np.mean(units[1:])
-    return {"fit": float(fit), "tables": float(tables), "s": spent["fit"]}
+    return {"fit": float(fit), "tables": float(tables)}
 
 
 def _yardstick_compiled_s() -> float:

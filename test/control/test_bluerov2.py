@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.control.vehicles.bluerov2 import (
     ALLOCATION,
-    BLUEROV2,
     BlueRov2,
+    BlueRov2Wu,
     flu_to_frd,
     saturated,
 )
@@ -91,18 +91,22 @@ def test_a_mixed_command_is_obeyed_in_spite_of_the_couplings():
     assert (vehicle.roll, vehicle.pitch) == pytest.approx((0.0, 0.15), abs=0.02)
 
 
-def test_the_top_speed_is_where_the_greatest_thrust_meets_the_drag():
-    # 0.72 m/s was measured, say papers that cite von Benzon et al.; the autopilot asks for 0.7 m/s
-    # at most.
+@pytest.mark.parametrize(
+    ("kind", "linear", "quadratic", "top"),
+    # 0.72 m/s was measured, say papers that cite von Benzon et al.
+    [(BlueRov2, 13.7, 141.0, 0.73), (BlueRov2Wu, 4.03, 18.18, 2.07)],
+)
+def test_the_top_speed_is_where_the_greatest_thrust_meets_the_drag(kind, linear, quadratic, top):
     force = 4 * 30.4 * np.sqrt(0.5)
-    top = (-13.7 + np.sqrt(13.7**2 + 4 * 141 * force)) / (2 * 141)
-    assert top == pytest.approx(0.73, abs=0.005)
-    for axis, limit in enumerate(BlueRov2.limits.speed[:3]):
-        needed = BLUEROV2.damping(limit * np.eye(6)[axis])
+    holds = (-linear + np.sqrt(linear**2 + 4 * quadratic * force)) / (2 * quadratic)
+    assert holds == pytest.approx(top, abs=0.005)
+    assert kind.limits.speed[0] < top
+    for axis, limit in enumerate(kind.limits.speed[:3]):
+        needed = kind.body.damping(limit * np.eye(6)[axis])
         assert saturated(needed) == pytest.approx(needed)
-    vehicle = BlueRov2(np.zeros(3))
+    vehicle = kind(np.zeros(3))
     run(vehicle, np.array([5.0, 0, 0, 0, 0, 0]), 6)
-    assert vehicle.linear[0] == pytest.approx(BlueRov2.limits.speed[0], abs=1e-3)
+    assert vehicle.linear[0] == pytest.approx(kind.limits.speed[0], abs=1e-3)
 
 
 @pytest.mark.parametrize("kind", [Vehicle, BlueRov2])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.vehicles.bluerov2 import BlueRov2
+from uuv_optical_array.control.vehicles.bluerov2 import BlueRov2, BlueRov2Wu
 from uuv_optical_array.control.vehicles.sea import STILL_SEA, Sea, WaveSettings
 from uuv_optical_array.control.vehicles.vehicle import Vehicle, VehicleLimits, start_behind
 from uuv_optical_array.core.geometry import relative_pose
@@ -88,7 +88,7 @@ def test_pitch_stops_at_its_limit_and_comes_back():
 
 CURRENT = np.array([0.3, -0.2, 0.1])
 WAVES = WaveSettings(wave_height_m=1.0, wave_period_s=6.0, wave_direction_deg=30.0, depth_m=4.0)
-KINDS = pytest.mark.parametrize("kind", [Vehicle, BlueRov2])
+KINDS = pytest.mark.parametrize("kind", [Vehicle, BlueRov2, BlueRov2Wu])
 STEP_S = 0.05
 
 

@@ -21,8 +21,8 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from uuv_optical_array.control.formation_settings import FormationSettings
-from uuv_optical_array.control.vehicles.bluerov2 import BlueRov2
 from uuv_optical_array.control.vehicles.leader_path import lead, leader_path
+from uuv_optical_array.control.vehicles.models import MODELS
 from uuv_optical_array.control.vehicles.sea import CURRENT, Sea, WaveSettings
 from uuv_optical_array.control.vehicles.vehicle import Vehicle, start_behind
 from uuv_optical_array.core.messages import odometry_pose
@@ -47,8 +47,6 @@ TWIST_COVARIANCE = np.diag(np.repeat([0.02, 0.02], 3) ** 2).ravel()
 # A step of as many periods, and of as many seconds, is none: the clock jumped, or the node slept.
 PAUSE_PERIODS, PAUSE_S = 5, 1.0
 
-MODELS: dict[str, type[Vehicle]] = dict(kinematic=Vehicle, bluerov2=BlueRov2)
-
 PARAMETERS = {
     **shared("frame_prefix", "publish_tf"),
     "vehicles": Parameter(
@@ -61,7 +59,7 @@ PARAMETERS = {
         1, Quantity("that a leader alone waits for: follower_1/cmd_vel, ...", "", 1, 100), True
     ),
     "vehicle_model": Parameter(
-        "kinematic", Quantity("velocities within limits, or a BlueROV2 Heavy"), True, tuple(MODELS)
+        "kinematic", Quantity("velocities within limits, or a BlueROV2"), True, tuple(MODELS)
     ),
     "leader_path": Parameter(
         "demonstration", Quantity("that the leader swims: a ready one's name or a CSV file"), True

@@ -24,6 +24,7 @@ from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.following import Following
 from uuv_optical_array.control.formation_settings import STATION, FormationSettings
+from uuv_optical_array.control.vehicles.models import Model
 from uuv_optical_array.core.processes import spread
 from uuv_optical_array.core.settings import Place, Quantity, Setting
 from uuv_optical_array.core.storage.formats import columns
@@ -32,7 +33,7 @@ from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots.style import mark, new_figure, plain_log_ticks, save
 from uuv_optical_array.studies.closed_loops.figures import KEPT_M, figures
 from uuv_optical_array.studies.closed_loops.kinds import kinds_named
-from uuv_optical_array.studies.closed_loops.runs import ALONE, Kind, Model, Run, run_kind
+from uuv_optical_array.studies.closed_loops.runs import ALONE, Kind, Run, run_kind
 from uuv_optical_array.studies.shared.results import until_interrupted
 
 COLOURS: dict[str, str] = {"kept": "#2c9c5a", "strayed": "#e0a800", "lost": "#c8401e"}

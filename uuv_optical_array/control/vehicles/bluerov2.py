@@ -4,6 +4,10 @@ Parameters, thrusters' places and greatest thrust are of von Benzon et al., An O
 Simulator: Control of a BlueROV2 Underwater Robot, J. Mar. Sci. Eng. 10(12):1898, 2022, table A1, in
 fresh water. The thrusters' lag, some 70 ms, and the tether are left out.
 
+Publications differ by eight in the drag of surge: by von Benzon et al. full thrust holds 0.73 m/s,
+by Wu, 6-DoF Modelling and Control of a Remotely Operated Vehicle, Flinders University, 2018, tables
+5.2 and 5.3, 2.1 m/s. So there is a model by either, with the same hull and thrusters.
+
 The autopilot has a gyroscope, an attitude and no velocity log. So surge, sway and heave get the
 thrust that drag and momentum ask for at the commanded velocity through the water. The roll is
 steered to level by its rate, and the rates of roll, pitch and yaw by proportional and integral
@@ -11,6 +15,8 @@ action on the gyroscope. Weight, buoyancy and righting moment are known and canc
 """
 
 import math
+from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +35,12 @@ BLUEROV2 = Body(
     volume_m3=0.0134,
     buoyancy_at=np.array([0.0, 0.0, -0.01]),
 )
-MASS: Array = BLUEROV2.inertia + BLUEROV2.added_mass
+BLUEROV2_WU = replace(
+    BLUEROV2,
+    added_mass=np.array([5.5, 12.7, 14.57, 0.12, 0.12, 0.12]),
+    linear_damping=np.array([4.03, 6.22, 5.18, 0.07, 0.07, 0.07]),
+    quadratic_damping=np.array([18.18, 21.66, 36.99, 1.55, 1.55, 1.55]),
+)
 # Places (m, FRD) and directions of the eight thrusters: four level ones at 45 deg, four upright.
 THRUSTER_PLACES = np.array(
     [[x, y, 0.085] for x in (0.156, -0.156) for y in (0.111, -0.111)]
@@ -75,6 +86,7 @@ def saturated(wrench: Array) -> Array:
 class BlueRov2(Vehicle):
     """A `Vehicle` that obeys as well as a BlueROV2 Heavy's autopilot can, at any pitch."""
 
+    body: ClassVar[Body] = BLUEROV2
     limits = VehicleLimits(speed=(0.7, 0.55, 0.6, 0.6, 0.6))  # what the thrusters can hold
 
     def __init__(
@@ -111,11 +123,12 @@ class BlueRov2(Vehicle):
         missing = target[3:] - flu_to_frd(self.angular)
         change[3:] += RATE_GAIN_PER_S * missing + RATE_INTEGRAL_PER_S2 * self._turned
         down = flu_to_frd(-self.rotation[2])
+        mass = self.body.inertia + self.body.added_mass
         wanted = (
-            MASS * change
-            + coriolis(MASS, target)
-            + BLUEROV2.damping(target)
-            + BLUEROV2.restoring(down)
+            mass * change
+            + coriolis(mass, target)
+            + self.body.damping(target)
+            + self.body.restoring(down)
         )
         wrench = saturated(wanted)
         if np.allclose(wrench[3:], wanted[3:]):  # an integral that cannot act would wind up
@@ -132,7 +145,7 @@ class BlueRov2(Vehicle):
                 flu_to_frd(self._velocity),
             ]
         )
-        state = advance(BLUEROV2, state, thrust, self._water_frd, self.t_s, step_s)
+        state = advance(self.body, state, thrust, self._water_frd, self.t_s, step_s)
         self.position = flu_to_frd(state[:3])
         yaw, pitch, roll = Rotation.from_quat(state[3:7]).as_euler("ZYX")
         turned = math.remainder(-float(yaw) - self.yaw, 2 * math.pi)
@@ -146,3 +159,10 @@ class BlueRov2(Vehicle):
             flu_to_frd(self.sea.velocity(position, t_s)),
             flu_to_frd(self.sea.acceleration(position, t_s)),
         )
+
+
+class BlueRov2Wu(BlueRov2):
+    """The same with added mass and damping of Wu (2018), by which it is as fast as `Vehicle`."""
+
+    body = BLUEROV2_WU
+    limits = Vehicle.limits

@@ -16,8 +16,8 @@ class VehicleLimits:
     SI units, rad. Thrust, mass and drag of a BlueROV2 Heavy (`bluerov2`) allow more turn and more
     acceleration than these. Of 23 N m of yaw the drag takes 0.5 N m at 0.6 rad/s, and 0.6 rad/s^2
     take 0.4 N m; of 15 N m of pitch 0.7, 0.2, and 0.9 N m to hold the largest pitch. 1 m/s^2 takes
-    20 of 86 N of surge, 21 of 86 N of sway and 32 of 122 N of heave. The speeds are those of a
-    faster hull.
+    20 of 86 N of surge, 21 of 86 N of sway and 32 of 122 N of heave. The speeds take 47, 28 and
+    28 N by the drag of Wu (2018); by that of von Benzon et al. (2022) none of them can be held.
     """
 
     speed: tuple[float, ...] = (1.5, 1.0, 0.8, 0.6, 0.6)

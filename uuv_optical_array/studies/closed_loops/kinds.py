@@ -30,7 +30,7 @@ START_S = 100.0  # to find the leader from the start
 DARK_S = (1, 2, 5, 10, 20, 30, 60)
 TURNS_DEG_PER_S = (6, 10, 15, 20, 30)
 CHAIN_DEG_PER_S = (3, 4, 8)
-SPEEDS_M_PER_S = (0.9, 1.0, 1.2, 1.5)
+SPEEDS_M_PER_S = (0.6, 0.9, 1.0, 1.2, 1.5)
 FLEET: dict[str, Any] = {"scene": "formation", "group": "formations"}
 # Lamps as bright as ours.
 ASIDE = Beside(((0, 0),), ((0, 1.5),))

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,8 @@ from uuv_optical_array.control.closed_loop import ClosedLoop, Instant, Light, Sw
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.following import Following
 from uuv_optical_array.control.formation_settings import FormationSettings
-from uuv_optical_array.control.vehicles.bluerov2 import BlueRov2
 from uuv_optical_array.control.vehicles.leader_path import PATHS, LeaderPath, leader_twist
+from uuv_optical_array.control.vehicles.models import MODELS, Model
 from uuv_optical_array.control.vehicles.sea import Sea
 from uuv_optical_array.control.vehicles.vehicle import Vehicle, VehicleLimits
 from uuv_optical_array.core.geometry import Array, wrapped
@@ -27,8 +27,6 @@ from uuv_optical_array.forward.scene import scene_from_settings
 from uuv_optical_array.studies.closed_loops.leader_courses import Points, at
 from uuv_optical_array.studies.closed_loops.modem import Modem
 
-Model = Literal["kinematic", "bluerov2"]
-VEHICLES: dict[Model, type[Vehicle]] = {"kinematic": Vehicle, "bluerov2": BlueRov2}
 STEP_S = 0.1  # 10 images a second
 # Of a leader that moves as its course says.
 OBEDIENT = VehicleLimits((5.0, 5.0, 5.0, 2.0, 2.0), (50.0, 50.0, 50.0, 20.0, 20.0))
@@ -131,7 +129,7 @@ def run_kind(
 ) -> list[Run]:
     """Run the loop once in a kind of trouble; return what each follower did.
 
-    The `estimator` is of the kind's scene, `vehicle` a key of `VEHICLES`, the followers' model.
+    The `estimator` is of the kind's scene, `vehicle` a key of `MODELS`, the followers' model.
     """
     rng = np.random.default_rng(seed)
     if kind.drawn is not None:
@@ -154,7 +152,7 @@ def loop_of(
     leader = Vehicle(np.zeros(3))
     if kind.motion is not leader_twist:
         leader.limits = OBEDIENT
-    model = VEHICLES[vehicle]
+    model = MODELS[vehicle]
     swimmers: list[Swimmer] = []
     imu = partial(_imu, kind.silent_s) if np.isfinite(kind.silent_s[0]) else _no_imu
     clear, cloudy = _models(kind, estimator, seed)
@@ -169,7 +167,7 @@ def loop_of(
             Swimmer(
                 model(start, yaw=float(np.radians(kind.turned_deg))),
                 Pipeline(estimator),
-                follow(FormationSettings(station_m=one.station_m)),
+                follow(_law(one.station_m, model.limits)),
                 partial(_light, kind, one.number, clear, cloudy),
                 one.ahead,
                 imu,
@@ -179,6 +177,16 @@ def loop_of(
         )
     motion = PATHS["stand"] if kind.stays else kind.motion
     return ClosedLoop(leader, swimmers, rng, motion, Sea(kind.current_m_per_s))
+
+
+def _law(station_m: Place, limits: VehicleLimits) -> FormationSettings:
+    """Return the settings of an operator who knows what the vehicle's thrusters can hold."""
+    surge, sway = limits.speed[:2]
+    return FormationSettings(
+        station_m=station_m,
+        max_surge_m_per_s=min(FormationSettings.max_surge_m_per_s, surge),
+        max_sway_m_per_s=min(FormationSettings.max_sway_m_per_s, sway),
+    )
 
 
 def _untold(ahead: Vehicle, t_s: float) -> None:

@@ -484,45 +484,6 @@ def test_in_the_dark_it_keeps_off_where_the_lamp_was_and_within_the_limits(speed
     assert pursuit.state == "lost"
 
 
-@given(
-    st.tuples(st.floats(0.0, 1.2), st.floats(-0.2, 0.2), st.floats(-0.5, 0.5)),
-    st.floats(-0.2, 0.2),
-    st.floats(-0.6, 0.6),
-    st.floats(0.0, 6.0),
-    st.floats(2.0, 30.0),
-    st.sampled_from(["hold", "surface"]),
-)
-@example((0.5, 0.0, 0.4), 0.0, 0.0, 1.0, 20.0, "hold")
-@example((1.2, 0.0, 0.0), 0.1, -0.6, 1.0, 20.0, "hold")
-@example((1.2, 0.0, 0.0), 0.0, 0.3, 0.0, 20.0, "surface")
-@settings(max_examples=6)
-def test_without_light_it_leaves_no_depth_whatever_its_leader_did(
-    speed, turn, bow, depth_m, coast_s, when_lost
-):
-    """Beyond what it went until it knew of the darkness, and the bow turns within one command.
-
-    On the way up that follows a search in vain only the lower depth counts.
-    """
-    limits = {"search_depth_m": depth_m, "search_time_s": 25.0}
-    search = SearchSettings(coast_s=coast_s, when_lost=when_lost, **limits)
-    pursuit = Pursuit(speed, turn, search=search)
-    for share in np.linspace(0, 1, round(4 / TICK_S)):
-        pursuit.bow = bow * share
-        pursuit.step()
-    pursuit.run(LIT_S)
-    pursuit.light, went = False, pursuit.own[2]
-    turns = math.radians(OPEN.max_turn_deg_per_s) * TICK_S * OPEN.max_surge_m_per_s * OPEN.blind_s
-    most_m = depth_m + turns
-    while pursuit.now < 46.0:
-        pursuit.step()
-        off_m = pursuit.own[2] - went
-        if pursuit.state == "locked":
-            most_m = max(most_m, abs(off_m) + TICK_S * OPEN.max_surge_m_per_s)
-        assert off_m > -most_m
-        assert off_m < most_m or (pursuit.state == "lost" and when_lost == "surface")
-    assert pursuit.state == "lost"
-
-
 def halfway_back(pursuit):
     """Return what the leader went since the last pose."""
     middle = Rotation.from_euler("z", pursuit.heading - pursuit.turn * TICK_S / 2)

@@ -1,6 +1,8 @@
 """The formation node in simulated time: the law's command at every tick, and its state, as told."""
 
 import itertools
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from odometries import time_of
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
@@ -377,7 +380,7 @@ def test_a_search_turns_to_light_that_has_no_pose(lab, scene, half):
 
 
 def test_in_the_dark_it_knows_its_way_by_its_odometry_where_it_is_told_to(lab):
-    helm = Helm(lab, use_odometry=True)
+    helm = Helm(lab, replace(SEARCH, search_depth_m=0.05), use_odometry=True)
     odometries, damaged = lab.talk(Odometry, "odometry"), Odometry()
     damaged.twist.twist.linear.x = np.nan
     lab.connect()
@@ -387,8 +390,13 @@ def test_in_the_dark_it_knows_its_way_by_its_odometry_where_it_is_told_to(lab):
         message.header.stamp, sign = time_of(helm.now), -1 if frame.endswith("_frd") else 1
         message.twist.twist.linear.x, message.twist.twist.linear.z = surge, sign * 0.1
         message.twist.twist.angular.y = sign * 0.02
+        up = None
+        if sign < 0:  # of a bow that is 0.6 rad down, in a world whose z is down
+            message.header.frame_id, q = "map_ned", message.pose.pose.orientation
+            q.x, q.y, q.z, q.w = Rotation.from_euler("y", -0.6).as_quat().tolist()
+            up = np.array([-math.sin(0.6), 0.0, math.cos(0.6)])
         helm.hear(odometries, message, damaged)
-        helm.law.moved(helm.now * 1e-9, [surge, 0, 0.1], [0, 0.02, 0])
+        helm.law.moved(helm.now * 1e-9, [surge, 0, 0.1], [0, 0.02, 0], up)
 
     helm.see(STATION)
     helm.check_command()

@@ -1,10 +1,10 @@
 """What a follower does without light: by which motion of its own, to where, and how far.
 
-All of it is in a frame that stays in the water: that of the lamp, as its track began. Its z is
-taken for up, as of a leader that was level then. One limit of depth, from where the light steered
-last, counts in all states, as surface and bottom are no farther off while a follower coasts than
-while it searches. It is left to `steering`, so that no goal, attitude or lamp to keep off leads
-beyond it.
+All of it is in a frame that stays in the water: that of the lamp, as its track began. Where no
+instrument of the follower tells where up is, its z is taken for up, as of a leader that was level
+then. One limit of depth, from where the light steered last, counts in all states, as surface and
+bottom are no farther off while a follower coasts than while it searches. It is left to `steering`,
+so that no goal, attitude or lamp to keep off leads beyond it.
 """
 
 import math
@@ -35,6 +35,7 @@ TURN_RAD, PITCH_RAD, TURNING_S = 0.8, 0.2, 1.0
 SURE_M = 1.0  # standard deviation of where the leader is, m, beyond which a pose has to settle
 OTHER_M = 1.0  # from where the leader is expected, where a lamp may be another one
 DOUBT = "it may be another lamp"
+UP: Array = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,8 @@ class Darkness:
         if seen is not None:
             self.motion, self._last, self._margin_m = seen.motion, seen.last, seen.margin_m
         self.age_s = self.motion.unseen_s
-        self._steered_z_m = float(self._last.own[2])  # where light steered last
+        self._up = UP
+        self._above_m, self._risen_at = 0.0, self._last.own[:3].copy()  # since light steered last
         self._heard_s = now_s - self.age_s  # of what was seen or told last
         self.held = self.own.copy()
         self._stayed = self.own[:3].copy()
@@ -135,9 +137,15 @@ class Darkness:
         """Time since something of the leader's light was seen, s."""
         return self.motion.unseen_s
 
-    def advance(self, now_s: float, twist: Array) -> None:
-        """Move on to the present, s, by the follower's own motion, ``(5,)``."""
+    def advance(self, now_s: float, twist: Array, up: Array | None = None) -> None:
+        """Move on to the present, s, by the follower's own motion, ``(5,)``.
+
+        `up` is a unit vector in its axes, ``(3,)``; ``None``: it is not measured.
+        """
         step_s = self.motion.advance(now_s, twist)
+        self._up = UP if up is None else self._to_body.T @ up
+        self._above_m += float(self._up @ (self.own[:3] - self._risen_at))
+        self._risen_at = self.own[:3].copy()
         self._now_s = now_s
         self.age_s += step_s
         self._belief.advance(step_s, self.own)
@@ -301,20 +309,17 @@ class Darkness:
 
     def hold(self, rise_m_per_s: float) -> Aim:
         """Return the same, towards where the search ended, or upwards through all depths."""
-        goal = self.held.copy()
+        error, depths = wrapped(self.held - self.own), self._depths()
         if rise_m_per_s:
-            goal[2] = self.own[2]
-        speed = np.array([0.0, 0.0, rise_m_per_s, 0.0, 0.0])
-        upper, lower = self._depths()
-        depths = [lower] if rise_m_per_s else [upper, lower]
-        return Aim(wrapped(goal - self.own), speed, self._to_body, [], depths)
+            error[:3] -= error[:3] @ self._up * self._up
+            depths = depths[1:]
+        speed = np.append(rise_m_per_s * self._up, [0.0, 0.0])
+        return Aim(error, speed, self._to_body, [], depths)
 
     def _depths(self) -> list[KeepOff]:
         """Return the depths that it must not reach, the upper one first."""
-        up = self._to_body[:, 2]
-        above_m = float(self.own[2] - self._steered_z_m)
-        most_m = self._search.search_depth_m
-        return [KeepOff(most_m - above_m, -up), KeepOff(most_m + above_m, up)]
+        up, most_m = self._to_body @ self._up, self._search.search_depth_m
+        return [KeepOff(most_m - self._above_m, -up), KeepOff(most_m + self._above_m, up)]
 
     @property
     def _to_body(self) -> Array:

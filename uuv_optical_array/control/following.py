@@ -69,6 +69,19 @@ class State(NamedTuple):
     reason: str
 
 
+class OwnMotion(NamedTuple):
+    """The follower's own motion by its instruments, or its commands.
+
+    - stamp_s: of it, s.
+    - twist: through the water, m/s and rad/s, ``(5,)``.
+    - up: a unit vector in its axes, ``(3,)``; ``None``: it is not known.
+    """
+
+    stamp_s: float
+    twist: Array
+    up: Array | None
+
+
 class Following:
     """Keep station while there is light, and find the leader again when it is gone."""
 
@@ -90,7 +103,7 @@ class Following:
         self._lamps = Lamps()
         self._began_s = math.nan  # when the first image came
         self._twist: Array = np.zeros(5)  # commanded last
-        self._measured: tuple[float, Array] | None = None
+        self._measured: OwnMotion | None = None
 
     def configure(
         self, settings: FormationSettings, search: SearchSettings = DEFAULT_SEARCH
@@ -136,13 +149,17 @@ class Following:
             dark.resume(other.motion.covariance)
             self._to("coasting", stamp_s, "a second lamp was lit; the leader may be beside it")
 
-    def moved(self, stamp_s: float, linear: ArrayLike, angular: ArrayLike) -> None:
+    def moved(
+        self, stamp_s: float, linear: ArrayLike, angular: ArrayLike, up: Array | None = None
+    ) -> None:
         """Take the follower's measured velocity, m/s and rad/s, ``(3,)`` each, in its frame.
 
         While it comes, it takes the place of the commands in the dark. It is through the water, as
-        these are: a current carries the leader, too.
+        these are: a current carries the leader, too. Where `up` is, a unit vector in its frame,
+        ``(3,)``, tells how far it has risen or sunk.
         """
-        self._measured = stamp_s, np.concatenate([linear, np.asarray(angular)[1:]]).astype(float)
+        twist = np.concatenate([linear, np.asarray(angular)[1:]]).astype(float)
+        self._measured = OwnMotion(stamp_s, twist, up)
 
     def leader_moves(self, now_s: float, message: Message) -> None:
         """Take the leader's own motion, as it is told, at the present, s.
@@ -183,7 +200,7 @@ class Following:
             self._lose_light(stamp_s)
         dark, sure = self._dark, False
         if dark is not None:
-            dark.advance(stamp_s, self._own_twist(stamp_s))
+            self._advance(dark, stamp_s)
             if dark.leader is not None:
                 reached = dark.within_reach(pose, covariance)
                 self._hold_apart(stamp_s, pose, covariance, dark.leader, reached)
@@ -295,7 +312,7 @@ class Following:
             self._lose_light(now_s)
         dark = self._dark
         assert dark is not None
-        dark.advance(now_s, self._own_twist(now_s))
+        self._advance(dark, now_s)
         glow = self._glow if self._images_come(now_s) else None
         dark.look(glow, self.state.name == "coasting")
         if self.state.name == "coasting":
@@ -363,13 +380,20 @@ class Following:
     def _go_dark(self, now_s: float, seen: Seen | None) -> None:
         self._settling.clear()
         self._dark = Darkness(self._settings, self._search, now_s, seen)
-        self._dark.advance(now_s, self._own_twist(now_s))
+        self._advance(self._dark, now_s)
+
+    def _advance(self, dark: Darkness, now_s: float) -> None:
+        _, twist, up = self._own_motion(now_s)
+        dark.advance(now_s, twist, up)
 
     def _own_twist(self, now_s: float) -> Array:
+        return self._own_motion(now_s).twist
+
+    def _own_motion(self, now_s: float) -> OwnMotion:
         """Return the follower's own motion, as it is measured or else commanded."""
-        if self._measured and abs(now_s - self._measured[0]) <= MEASURED_S:
-            return self._measured[1]
-        return self._twist
+        if self._measured and abs(now_s - self._measured.stamp_s) <= MEASURED_S:
+            return self._measured
+        return OwnMotion(now_s, self._twist, None)
 
     def _sent(self, command: tuple[Array, Array] | None) -> tuple[Array, Array] | None:
         if command is not None:

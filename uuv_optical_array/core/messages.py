@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.geometry import FLU_FRD, Array
 from uuv_optical_array.core.settings import Quantity
@@ -103,6 +104,20 @@ def checked_quaternion(attitude: Any) -> Array:
             f"bad attitude: quaternion {quaternion.tolist()} has length {length:g}, not 1"
         )
     return quaternion / length
+
+
+def up_of_odometry(message: Any) -> Array | None:
+    """Return where the world's up is in the axes of REP 103 of the body, a unit vector, ``(3,)``.
+
+    ``None``: it is not told, as an attitude that was left out is all 0 or none. Frames whose names
+    end with ``_ned`` or ``_frd`` have their z down.
+    """
+    attitude = message.pose.pose.orientation
+    if (attitude.x, attitude.y, attitude.z) == (0.0, 0.0, 0.0) and attitude.w in (0.0, 1.0):
+        return None
+    rotation = Rotation.from_quat(checked_quaternion(attitude))
+    up = rotation.inv().apply([0.0, 0.0, signs(message.header.frame_id)[2]])
+    return np.asarray(up * signs(message.child_frame_id)[:3])
 
 
 def odometry_pose(message: Any, axes: Axes = "flu") -> tuple[Array, Array]:

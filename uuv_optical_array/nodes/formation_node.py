@@ -23,7 +23,7 @@ from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.leader.motion import Glow
 from uuv_optical_array.control.leader.told_motion import Message, twist_of_lamp
 from uuv_optical_array.core.geometry import Array, covariance_5x5
-from uuv_optical_array.core.messages import checked_twist, stamp_ns
+from uuv_optical_array.core.messages import checked_twist, stamp_ns, up_of_odometry
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared import markers, messages
@@ -184,7 +184,8 @@ class FormationNode(Node):
         """Tell the law how the follower moves by its own instruments."""
         with self.diagnostics.refusing("odometry"):
             linear, angular = checked_twist(message.twist.twist, message.child_frame_id)
-            self.following.moved(self.time.of(stamp_ns(message.header)), linear, angular)
+            up = up_of_odometry(message)
+            self.following.moved(self.time.of(stamp_ns(message.header)), linear, angular, up)
 
     def on_leader(self, message: Odometry) -> None:
         """Tell the law how the leader moves, by a modem or a test tank."""

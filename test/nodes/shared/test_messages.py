@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from nav_msgs.msg import Odometry
-from odometries import time_of
+from odometries import odometry, time_of
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image, Imu, PointCloud2, PointField, Range
 from std_msgs.msg import Header
@@ -29,6 +29,7 @@ from uuv_optical_array.core.messages import (
     odometry_pose,
     stamp_ns,
     twist_from_message,
+    up_of_odometry,
 )
 from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.nodes.shared.messages import (
@@ -337,3 +338,39 @@ def test_stamps_run_back_only_by_more_than_half_a_second_and_never_twice_at_once
     through = passed(stamps)
     for before, after in itertools.pairwise(through):
         assert after > before or before - after > 10**9 // 2
+
+
+@pytest.mark.parametrize(
+    ("frame", "child"),
+    [
+        ("odom", "base_link"),
+        ("map_ned", "base_link_frd"),
+        ("odom", "hull_frd"),
+        ("map_ned", "hull"),
+    ],
+)
+def test_up_of_an_odometry_is_that_of_its_world_in_the_bodys_axes(frame, child):
+    # Half a turn about x is between axes whose z is up and those whose z is down.
+    half = Rotation.from_euler("x", np.pi)
+    for rotation in Rotation.random(20, rng=np.random.default_rng(3)):
+        told = rotation
+        if frame.endswith("_ned"):
+            told = half * told
+        if child.endswith("_frd"):
+            told = told * half
+        found = up_of_odometry(odometry(0, np.zeros(3), told, frame, child))
+        assert found == pytest.approx(rotation.as_matrix()[2], abs=1e-9)
+
+
+@pytest.mark.parametrize("w", [0.0, 1.0])
+def test_an_attitude_that_was_left_out_tells_no_up(w):
+    message = odometry(0, np.zeros(3))
+    message.pose.pose.orientation.w = w
+    assert up_of_odometry(message) is None
+
+
+def test_an_attitude_that_is_none_is_refused():
+    message = odometry(0, np.zeros(3))
+    message.pose.pose.orientation.x = 0.5
+    with pytest.raises(Refused, match="bad attitude"):
+        up_of_odometry(message)

@@ -52,7 +52,7 @@ class SearchSettings(SightSettings):
         float, Quantity("without light at the start until it searches; 0: never", "s", 0, 600)
     ] = 5.0
     search_distance_m: Annotated[
-        float, Quantity("farthest from where the light went", "m", 0, 1000)
+        float, Quantity("farthest from where its leader was seen or heard last", "m", 0, 1000)
     ] = 40.0
     search_depth_m: Annotated[
         float,

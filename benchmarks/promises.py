@@ -111,6 +111,7 @@ PROMISES = (
     Promise("bags", f"damaged: neither read nor refused in a line, of {BAGS}", 0, "", "replay",
             promised.bags, "unclear"),
     *loops("still sea", "nothing", ("lost", 0, ""), ("off", 0.5, "m")),
+    *loops("still sea for five minutes", "nothing_300", ("off", 0.35, "m")),
     *loops("lamp or water changes", "lamp_0.9,lamp_0.8,lamp_1.2,lamp_0.9_slow,lamp_0.8_back,"
            "absorption_-0.02,absorption_+0.02,absorption_+0.005_back,scattering_2",
            ("lost", 0, ""), ("off", 1.0, "m"), ("false", 0.001, "")),

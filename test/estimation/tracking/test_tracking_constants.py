@@ -34,10 +34,14 @@ def constants(detectors):
     return Constants(NAMES, STDS, GAIN_STD, detectors)
 
 
-def frames(seed, detectors, count=7, truth=None):
-    """Return stamps and readings of light that is linear in pose, constants and gains."""
+def frames(seed, detectors, count=7, truth=None, apart_s=1.0):
+    """Return stamps and readings of light that is linear in pose, constants and gains.
+
+    A second apart each frame teaches by itself.
+    """
     rng = np.random.default_rng(seed)
-    stamps = START_NS + np.cumsum(rng.integers(500_000_000, 950_000_000, count))
+    apart_ns = rng.integers(1_000_000_000, 1_450_000_000, count)
+    stamps = START_NS + np.cumsum((apart_s * apart_ns).astype(int))
     truth = np.zeros((count, 2 + detectors)) if truth is None else truth
     found = []
     for stamp, biases in zip(stamps, truth, strict=True):
@@ -72,32 +76,43 @@ def by_state(readings):
 def textbook(stamps, readings, detectors, settings=DRIFTING):
     """Return mean and covariance of pose, rate, and lasting and passing parts of all biases.
 
-    What does not depend on the pose teaches the biases; by the rest their gain is 0 (Schmidt).
+    What does not depend on the pose teaches the biases, once in a second, by the mean of the
+    frames since; by the rest their gain is 0 (Schmidt).
     """
     variances, times = biases_of(detectors, settings)
     mean = np.concatenate([readings[0].at[:5], np.zeros(5 + len(variances))])
     covariance = np.diag([*np.square([*POSE_STD, *RATE_STD]), *variances])
+    gathered, count, taught_ns = 0.0, 0, -math.inf
     for k, each in enumerate(readings):
         if k:
             step_s = (stamps[k] - stamps[k - 1]) * 1e-9
             mean, covariance = moved(mean, covariance, step_s, settings, variances, times)
         by_pose, by_biases, read, errors = by_state(each)
+        says, white = np.isfinite(each.variances), 1 / np.sqrt(errors.diagonal())[:, None]
         slopes = np.hstack([by_pose, np.zeros((len(read), 5)), by_biases, by_biases])
-        white = 1 / np.sqrt(errors.diagonal())[:, None]
-        for turn, teaches in (
-            (null_space((white * by_pose).T), True),
-            (orth(white * by_pose), False),
-        ):
-            if not turn.size:
-                continue
-            by, numbers = turn.T @ (white * slopes), turn.T @ (white[:, 0] * read)
-            gain = np.linalg.solve(by @ covariance @ by.T + np.eye(len(by)), by @ covariance).T
-            if not teaches:
-                gain[10:] = 0.0
-            mean = mean + gain @ (numbers - by @ mean)
-            left = np.eye(len(mean)) - gain @ by
-            covariance = left @ covariance @ left.T + gain @ gain.T
+        whole = np.zeros((detectors, len(mean) + 1))
+        whole[says] = white * np.column_stack([slopes, read - slopes @ mean])
+        gathered, count, before = gathered + whole, count + 1, mean
+        if stamps[k] - taught_ns >= 1e9:
+            rows = gathered / math.sqrt(count)
+            rows = null_space(rows[:, :5].T).T @ rows
+            mean, covariance = corrected(mean, covariance, rows, len(mean))
+            gathered, count, taught_ns = 0.0, 0, stamps[k]
+        whole[:, -1] -= whole[:, :-1] @ (mean - before)
+        rows = orth(whole[:, :5]).T @ whole
+        mean, covariance = corrected(mean, covariance, rows, 10)
     return mean, covariance
+
+
+def corrected(mean, covariance, rows, told):
+    """Return mean and covariance by slopes and innovations, which tell of as many of the first."""
+    if not rows.size:
+        return mean, covariance
+    by, innovation = rows[:, :-1], rows[:, -1]
+    gain = np.linalg.solve(by @ covariance @ by.T + np.eye(len(by)), by @ covariance).T
+    gain[told:] = 0.0
+    left = np.eye(len(mean)) - gain @ by
+    return mean + gain @ innovation, left @ covariance @ left.T + gain @ gain.T
 
 
 def biases_of(detectors, settings=DRIFTING):
@@ -200,9 +215,10 @@ def test_readings_of_which_many_tell_of_no_constant_teach_as_others_do():
         assert track.constants[name].std < begun.constants[name].std
 
 
+@pytest.mark.parametrize("apart_s", [1.0, 0.3])
 @pytest.mark.parametrize(("seed", "detectors"), [(0, 9), (1, 9), (2, 49)])
-def test_pose_rate_constants_and_gains_are_those_of_the_textbooks_filter(seed, detectors):
-    stamps, readings = frames(seed, detectors)
+def test_pose_rate_constants_and_gains_are_those_of_the_textbooks_filter(seed, detectors, apart_s):
+    stamps, readings = frames(seed, detectors, apart_s=apart_s)
     tracker = Tracker(DRIFTING, constants=constants(detectors))
     assert_is(fed(tracker, stamps, readings), *textbook(stamps, readings, detectors))
 

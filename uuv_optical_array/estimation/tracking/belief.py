@@ -15,6 +15,11 @@ Readings teach the biases only what holds whatever the pose (the projection on t
 A. Mourikis and S. Roumeliotis, *IEEE ICRA* 2007), and then correct the pose for given uncertain
 biases (S. F. Schmidt, *Advances in Control Systems* 3, 1966). What they say of pose and biases
 together would teach the errors of the motion's model and of linear images, in each frame the same.
+
+They teach once in `PLACE_S`, by their mean since. What noise does to a frame is in the
+pose at which the next ones are linearised, too, and what both have in common would add up to a
+wrong range at a place where nothing is to be learnt (G. Huang, A. Mourikis and S. Roumeliotis,
+*Int. J. Robotics Research* 29, 2010, on what linearising makes a filter believe).
 """
 
 import math
@@ -41,6 +46,8 @@ class Belief(NamedTuple):
     - mean, covariance: shapes ``(10 + k,)`` and ``(10 + k, 10 + k)``.
     - range, ranged_ns: what was made of the last range; stamp of the last one that was used, ns.
     - unlike: how many frames in a row, up to the last with readings, the biases did not explain.
+    - taught_ns: when the biases were taught last, ns.
+    - rows, frames: sum of the readings of so many frames since, as of `BiasSpace.whitened`.
     """
 
     mean: Array
@@ -48,6 +55,9 @@ class Belief(NamedTuple):
     range: RangeUse | None = None
     ranged_ns: int = LONG_AGO_NS
     unlike: int = 0
+    taught_ns: int = LONG_AGO_NS
+    rows: Array | float = 0.0
+    frames: int = 0
 
 
 class Learnt(NamedTuple):
@@ -106,7 +116,7 @@ class BiasSpace:
         of = STATE + np.r_[self.constants, self.range]
         mean[of] = covariance[of] = covariance[:, of] = 0.0
         covariance[of, of] = 1.0
-        return belief._replace(mean=mean, covariance=covariance)
+        return belief._replace(mean=mean, covariance=covariance, rows=0.0, frames=0)
 
     def errors(self, belief: Belief) -> Learnt:
         """Return what is known of constants and gains."""
@@ -209,14 +219,3 @@ def correct(belief: Belief, observation: Observation, teach: bool = True) -> Bel
     corrected = covariance - less
     corrected.flat[:: len(mean) + 1] += ROUNDING * covariance.diagonal()
     return belief._replace(mean=mean + shift, covariance=(corrected + corrected.T) / 2)
-
-
-def learn(belief: Belief, observation: Observation) -> Belief:
-    """Return a belief corrected by an observation, of which only the first five depend on the pose.
-
-    The others teach the biases, and then these correct pose and rate alone.
-    """
-    innovation, slopes = observation
-    taught = correct(belief, Observation(innovation[5:], slopes[5:]))
-    left = innovation[:5] - slopes[:5] @ (taught.mean - belief.mean)
-    return correct(taught, Observation(left, slopes[:5]), teach=False)

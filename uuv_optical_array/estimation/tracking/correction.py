@@ -27,12 +27,12 @@ from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.core.numerics.linear_algebra import orthonormal, solve, triangular_factor
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import (
+    PLACE_S,
     STATE,
     Belief,
     BiasSpace,
     Observation,
     correct,
-    learn,
     weigh,
 )
 from uuv_optical_array.estimation.tracking.measurement import Measurement, checked_readings
@@ -180,9 +180,22 @@ class Correction:
             turned = self._observation(triangular_factor(used))
             if not (begins or self._explained(before, turned)):
                 return belief._replace(unlike=belief.unlike + 1)
-            return self._curved(learn(before, turned))._replace(unlike=0)
+            taught = self._taught(before, used, frame.stamp_ns)
+            left = turned.innovation - turned.slopes @ (taught.mean - before.mean)
+            of_pose = Observation(left[:5], turned.slopes[:5])
+            return self._curved(correct(taught, of_pose, teach=False))._replace(unlike=0)
 
         return Corrected(Deferred(finished), distance, cost)
+
+    def _taught(self, belief: Belief, rows: Array, stamp_ns: int) -> Belief:
+        """Return a belief whose biases are taught, where that is due, by frames up to this one."""
+        rows, frames = belief.rows + rows, belief.frames + 1
+        if stamp_ns - belief.taught_ns < PLACE_S * 1e9:
+            return belief._replace(rows=rows, frames=frames)
+        innovation, slopes = self._observation(triangular_factor(rows / math.sqrt(frames)))
+        # Of these the first five alone depend on the pose.
+        taught = correct(belief, Observation(innovation[5:], slopes[5:]))
+        return taught._replace(taught_ns=stamp_ns, rows=0.0, frames=0)
 
     def _stacked(
         self, readings: LinearisedReadings, slopes: Array, off: Array, before: Belief

@@ -166,6 +166,7 @@ LONG_S = SINCE_S + AFTER_S
 # fmt: off
 KINDS: tuple[Kind, ...] = (
     Kind("nothing", "lamp", "All is as the scene says.", LONG_S),
+    Kind("nothing_300", "lamp", "The same for five minutes.", 300.0),
     *(kind for value in (0.9, 0.8, 1.2, 0.5)
       for kind in _lamp(value, f"The lamp has {value:g} times its power,")),
     *(kind for value in (-0.005, 0.005, -0.02, 0.02) for kind in _absorption(value)),

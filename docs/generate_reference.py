@@ -579,9 +579,11 @@ def troubles() -> list[str]:
     parts = [
         "# Kinds of trouble",
         "What befalls a follower in `uuv_array study envelope` "
-        "([results](../results/envelope.md)). Where nothing else is said, the leader goes on the "
-        "demonstration's path at 0.5 m/s, the trouble begins after 15 s, and the estimator is not "
-        "told. The leader sets off once all followers are locked.",
+        "([results](../results/envelope.md)). The estimator is not told. The leader sets off once "
+        "all followers are locked, and where nothing else is said goes at 0.5 m/s: straight on in "
+        "the groups Darkness and Leader and in a chain, else on the demonstration's path. From "
+        "then on the trouble begins after 15 s, or after 20 s where ours goes out beside another "
+        "lamp. Wrong detectors, currents, speeds and equal lamps aside are there from the start.",
     ]
     for group in dict.fromkeys(kind.group for kind in TROUBLES):
         named = {f"`{kind.name}`": kind.what for kind in TROUBLES if kind.group == group}

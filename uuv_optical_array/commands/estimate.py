@@ -152,7 +152,7 @@ def report(
     posed = [(i, frame.estimate.pose) for i, frame in enumerate(frames) if frame.estimate]
     span_s = (frames[-1].stamp_ns - frames[0].stamp_ns) * 1e-9 if frames else 0.0
     lines = [
-        f"{len(frames)} images of {span_s:.1f} s in {took_s:.2f} s, {span_s / took_s:.0f} times as "
+        f"{len(frames)} images of {span_s:.1f} s in {took_s:.2f} s, {span_s / took_s:.2g} times as "
         f"fast as they were taken: {len(posed)} poses",
         *(f"  {line}" for line in recording.left_out),
     ]

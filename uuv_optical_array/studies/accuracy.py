@@ -14,7 +14,7 @@ the images for shaded. docs/results/accuracy.md explains every figure.
   uuv_array study accuracy --shape planar            the same scene with a planar array
   uuv_array study accuracy --scene follow --known    what it costs to know less of the sea
   uuv_array study accuracy --scene leading_lights --lamps  what several lamps gain
-  uuv_array study accuracy --scene harbour --drawn   K and the lamp's power drawn from the prior
+  uuv_array study accuracy --scene harbour --drawn   each image in a sea drawn from the prior
   uuv_array study accuracy --scene night_plume --moving   with clouds, flicker and drift
 Ctrl-C ends the study early and reports the frames it has.
 """

@@ -39,7 +39,7 @@ CAUSES = {
     "wrong encoding": "Not mono16.",
     "wrong size": "Not that of the scene's array.",
     "wrong step": "The rows of the image have the wrong length.",
-    "truncated": "The message has not the bytes that it says.",
+    "truncated": "The message has not as many bytes as it says.",
     "wrong fields": "Not those of key parameters.",
     "wrong field type": "Not FLOAT64.",
     "wrong field offsets": "The key parameters do not follow each other.",
@@ -76,13 +76,13 @@ CAUSES = {
     "dark lamp": "One of several lamps shows nothing, though by the pose it should.",
     "faulty detector": "One is dead, stuck, dirty or in a glint. The pose is that of the others.",
     "coasting": "No pose steers; the follower goes on as its leader did, by what light there is.",
-    "searching": "Its light was not seen for `coast_s` or from the start, or `~/search` called.",
+    "searching": "No light steered for `coast_s`, or from the start, or `~/search` was called.",
     "lost": "The search ended without light, or no image came in it.",
     "slow station": (
-        "A follower so near the minimum distance is slowed, so that it stops in time when the light"
-        " goes."
+        "The station is so near the minimum distance that the follower is slowed, to stop in time "
+        "when the light goes."
     ),
-    "not engaged": "Told to steer nothing, by `~/engage` or by `start_engaged`.",
+    "not engaged": "It was told not to steer, by `~/engage` or by `start_engaged`.",
     "follower waits": "The demonstration's follower has no leader.",
     "left out": "Another vehicle's odometry is missing: the image lacks its lamp and its body.",
     "leader waits": "A follower's first command, or its compiled fit, is missing.",

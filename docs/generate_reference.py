@@ -200,8 +200,8 @@ def parameters() -> list[str]:
             f"## Arguments of `{name}`",
             f"{same} are as above."
             if same
-            else "Without a default an argument leaves the parameter as it is. Below, one without "
-            "a meaning has that of this list.",
+            else "An argument without a default leaves its parameter as it is unless you give it. "
+            "Below, one without a meaning has that of this list.",
             "\n".join(lines),
         ]
         above = above or arguments

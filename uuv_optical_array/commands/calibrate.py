@@ -6,9 +6,9 @@ array, and background, which demodulation removes, to a recorded bag, and write 
 known from both odometries, or from tables: of places measured on a rail, or of poses by time. How
 far the clock of odometries or poses is off that of the images is fitted. In place of a bag a table
 of readings of any detectors will do. Each value is printed with its standard error. What is not
-determined keeps its value and is named, with what to record for it. Power and mean gain are one
-product, so the geometric mean of the gains is 1; that of several lamps' powers stays. The
-shape of a beam of several Gaussians is fitted, too, and that of one Gaussian if
+determined keeps its value and is named, with what to record for it. Images tell the product of
+power and gains alone, so the geometric mean of the gains is 1; that of several lamps' powers stays.
+The shape of a beam of several Gaussians is fitted, too, and that of one Gaussian if
 ``prior.beam_shape_std`` is given; so are ``lamp.behind_m`` and the floors of modulated lamps if
 ``prior.lamp_behind_std_m``, ``lamp_floor_std_counts`` or ``lamps_floor_std_counts`` is. Where
 residuals show that model or beam are wrong, or where a value ends at its bound, no scene is

@@ -7,7 +7,7 @@ turned or scrambled; a mirrored array gives false poses that no software can det
 demodulates sees no torch: move one of the lamps in its place. --lamp adds the acceptance test
 before the first dive, with the lamp, or all lamps, at a known range: detectors and the whole pass
 or fail by noise, level in the dark and light, with what to do, and the pose that is seen stands
-beside the one that was told; the exit code is 1 if any fails.
+beside the one that was told. The exit code is 1 if anything fails.
 
   uuv_array commission --scene sea.yaml -o sea.yaml     listens to array/image
   uuv_array commission --set image_topic=/bow/array/image

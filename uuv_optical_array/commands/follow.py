@@ -1,12 +1,12 @@
 """``uuv_array follow``: let a follower follow a leader by light, and draw it.
 
-A leader waits until its follower sees it, and once on a machine until the fit is compiled; then it
+A leader waits until its follower sees it and, once on a machine, until the fit is compiled; then it
 runs straight, turns, and changes depth, and the follower keeps station behind it by the light of
 the leader's lamp alone. Simulator, feature, estimator, formation and vehicles node run in this one
 process, on real ROS 2 topics, with the parameters of follow.launch.py; who publishes leader/cmd_vel
 drives the leader. The sea is drawn from the scene's prior: it differs from what the estimator
-believes as much as a sea may, and how is printed. At the end a summary is printed and a picture is
-written. Several followers swim in a V, each with nodes of its own in a namespace, as in
+believes as much as a sea may, and what differs is printed. At the end a summary is printed and a
+picture is written. Several followers swim in a V, each with nodes of its own in a namespace, as in
 formation.launch.py, by default in the scene formation.
 
   uuv_array follow                          60 s of the default scene

@@ -1,12 +1,12 @@
 """``uuv_array table``: write the signature table of a scene.
 
 Write the five key parameters, free of noise, of every pose on the grid that the scene's `table`
-names. Estimators build this in memory, which takes a second for the default scene. Write a table
+names. Estimators build this in memory, within a few seconds for the default scene. Write a table
 whose grid is too fine for that, and name its folder in the parameter `table` of estimator_node,
-which refuses it where it is damaged or of another scene.
+which refuses a folder that is damaged or of another scene.
 
 The table is a Zarr array, which Dask fills block by block, on threads of this machine or on a
-cluster; this needs the extra `cluster`. The same command goes on after an interruption.
+cluster; this needs the extra `cluster`. After an interruption the same command goes on.
 
   uuv_array table                              the default scene, into follow.zarr/
   uuv_array table --scene sea.yaml -o /data/t  your own scene, into a folder of your choice

@@ -330,25 +330,32 @@ def topics() -> list[str]:
         "publish, open ones subscribe.",
         "![Nodes and topics](../pictures/nodes.svg)",
         table(("topic", "type", "published by", "subscribed by"), rows),
-        "`array/image` is mono16, counts; row 0 is the top, column 0 the port edge. "
-        "`array/features` has one point with FLOAT64 `peak`, `column`, `row`, "
-        "`skewness_horizontal` and `skewness_vertical`, and none without light. "
-        "`relative_pose` is the follower's `base_link` in the leader's `beacon`, by one image, "
-        "`relative_odometry` the track of many, `leader_pose` the lamp in the follower's "
-        "`base_frame`. `estimator_node` takes `array/image` alone where its `method` is "
-        "`least_squares`, which needs no feature node, else `array/features` and, with "
-        "`use_image`, the image of the same stamp. `use_commands`, `use_imu` and `use_range` let "
-        "it take `cmd_vel`, `imu` and `range`, the distance from the lamp to the follower's "
-        "`base_link`, and `use_odometry` lets `formation_node` take `odometry`, the follower's "
-        "own, and `use_leader_odometry` its leader's `leader/odometry`. "
-        "`follow_state` is what the follower does: its message is "
-        "[the state](../how_to/operations.md#states), its values are `reason`, `since (s)`, on the "
-        "clock of the stamps, and `for (s)`; it comes at each change and at 1 Hz, and lasts for "
-        "those who listen later. `markers` are beam and body by one node, station and state by the "
-        "other, for RViz. A demonstration's leader hears `/diagnostics`, sets off by the "
-        "followers' `cmd_vel` and `follow_state`, and obeys `leader/cmd_vel`. "
-        "`formation_node` has the services `~/engage` (std_srvs/SetBool) and `~/search` "
-        "(std_srvs/Trigger).",
+        "\n".join(
+            [
+                "- `array/image`: mono16, counts; row 0 is the top, column 0 the port edge.",
+                "- `array/features`: one point with FLOAT64 `peak`, `column`, `row`, "
+                "`skewness_horizontal` and `skewness_vertical`; no point without light.",
+                "- `relative_pose`: the follower's `base_link` in the leader's `beacon`, by one "
+                "image; `relative_odometry`: the same by the track of many; `leader_pose`: the "
+                "lamp in the follower's `base_frame`.",
+                "- `follow_state`: what the follower does. Its message is "
+                "[the state](../how_to/operations.md#states), its values are `reason`, "
+                "`since (s)`, on the clock of the stamps, and `for (s)`. It comes at each change "
+                "and at 1 Hz, and those who listen later get the last one.",
+                "- `markers`: for RViz, beam and body by `estimator_node`, station and state by "
+                "`formation_node`.",
+                "- `range`: distance from the lamp to the follower's `base_link`; `odometry`: the "
+                "follower's own.",
+            ]
+        ),
+        "`estimator_node` takes `array/image` alone where its `method` is `least_squares`, which "
+        "needs no feature node; else it takes `array/features` and, with `use_image`, the image of "
+        "the same stamp. With `use_commands`, `use_imu` and `use_range` it takes `cmd_vel`, `imu` "
+        "and `range`, too. `formation_node` takes `odometry` with `use_odometry` and "
+        "`leader/odometry` with `use_leader_odometry`; its services are `~/engage` "
+        "(std_srvs/SetBool) and `~/search` (std_srvs/Trigger). A demonstration's leader hears "
+        "`/diagnostics`, sets off by the followers' `cmd_vel` and `follow_state`, and obeys "
+        "`leader/cmd_vel`.",
     ]
 
 

@@ -51,7 +51,7 @@ PARAMETERS = {
     **shared("frame_prefix", "publish_tf"),
     "vehicles": Parameter(
         "both",
-        Quantity("which swim; a follower alone starts by the leader's odometry"),
+        Quantity("which swim; a follower alone starts from the leader's odometry"),
         True,
         ("both", "leader", "follower"),
     ),

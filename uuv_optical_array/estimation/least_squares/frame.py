@@ -197,11 +197,6 @@ def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> tuple[l
         for _ in range(3):
             start[PITCH], start[YAW] = quarter_turn(start[PITCH], start[YAW])
             descend(problem, minima, start, MOST_STEPS)
-    if rivals(minima):
-        # In a long and bent valley the second may be on its way to the first.
-        second = refine(problem, minima[1].parts[AT], MANY_STEPS)
-        minima = minima[:1] + minima[2:]  # compiled, `del` would damage what others hold
-        insert(minima, second)
     if not few:
         score = score_of(problem, minima)
         if score <= USUAL and not rivals(minima):

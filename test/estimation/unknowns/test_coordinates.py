@@ -16,7 +16,6 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     CoordinateFrame,
     frame_of,
     from_pose,
-    quarter_turn,
     to_lamp,
     write_slopes,
 )
@@ -146,14 +145,17 @@ def test_the_coordinates_are_place_and_dimness_of_the_lamp_and_lead_back(frame, 
 
 @pytest.mark.parametrize("turn", [(0.1, -0.05), (-0.08, 0.12)])
 def test_the_lookalikes_of_a_planar_array_look_alike(turn):
-    """Turned as far in pitch and yaw without them, the image is a quite different one."""
+    """To second order the light depends on pitch and yaw by the sum of their squares alone.
+
+    Turned as far in pitch and yaw without these coordinates, the image is a quite different one.
+    """
     model = ForwardModel(make_scene("planar", effects={"attenuation": {"k_per_m": 0.1}}))
     frame = frame_of(model)
     pose = np.array([-6.0, 0.2, -0.1, *turn])
     image = model.light(pose)
     coordinates, others = from_pose(frame, pose, 0.0), []
     for _ in range(4):
-        coordinates[3:] = quarter_turn(*coordinates[3:])
+        coordinates[3:] = coordinates[4], -coordinates[3]
         others.append(lamp_and_pose(frame, coordinates, 0.0)[1])
     np.testing.assert_allclose(others.pop(), pose, rtol=1e-9, atol=1e-9)  # four are a whole turn
     naive = np.array([[*pose[:3], -turn[0], -turn[1]], [*pose[:3], turn[1], -turn[0]]])

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.core.geometry import PITCH, YAW, Array
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import borrowed
 from uuv_optical_array.core.numerics.gauss_newton import first_damping
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
@@ -46,7 +46,7 @@ from uuv_optical_array.estimation.least_squares.starts import (
     rows_alike,
 )
 from uuv_optical_array.estimation.least_squares.thinned import thinned
-from uuv_optical_array.estimation.unknowns.coordinates import quarter_turn, to_lamp
+from uuv_optical_array.estimation.unknowns.coordinates import to_lamp
 
 MORE = 4  # times as many starts where the first ones leave doubt
 # So few lit detectors fit many poses, and so many starts are tried.
@@ -192,11 +192,6 @@ def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> tuple[l
         minima.clear()
     for i in range(1, count):
         descend(problem, minima, start_at(problem, guide.poses[rows[i]]), steps)
-    if problem.frame.share > 0 and len(minima) > 0:
-        start = minima[0].parts[AT].copy()
-        for _ in range(3):
-            start[PITCH], start[YAW] = quarter_turn(start[PITCH], start[YAW])
-            descend(problem, minima, start, MOST_STEPS)
     if not few:
         score = score_of(problem, minima)
         if score <= USUAL and not rivals(minima):

@@ -263,13 +263,3 @@ def write_slopes(
     pose_slopes[1, YAW] -= dot(ahead, lamp)
     pose_slopes[PITCH, PITCH] += 1.0
     pose_slopes[YAW, YAW] += 1.0
-
-
-@law
-def quarter_turn(pitch: Any, yaw: Any) -> tuple[Any, Any]:
-    """Return pitch and yaw of where a planar array sees nearly the same.
-
-    To second order the light depends on pitch and yaw by the sum of their squares alone, so a ring
-    of attitudes looks alike; this is the next of four places on it.
-    """
-    return yaw, -pitch

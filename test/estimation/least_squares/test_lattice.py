@@ -94,7 +94,7 @@ def test_nine_nodes_or_the_lattice_have_the_moments_of_a_finer_one(scene, pose):
     problem, minimum = minimum_of(model, pose)
     result, lattice = integrate(problem, minimum, new_lattice(7)), new_lattice(7)
     write_node(problem, minimum, lattice, 0)
-    basis, log_cell = basis_of(lattice.curvatures[0], False)
+    basis, log_cell = basis_of(lattice.curvatures[0])
     times = 5 if scene == "bright" else 2
     finer, _ = fill(problem, basis / times, lattice)
     assert finer.nodes > 15
@@ -127,7 +127,7 @@ def test_a_row_of_attitudes_has_the_moments_of_a_fine_lattice(pose):
     problem, minimum = minimum_of(model, pose)
     result, lattice = integrate(problem, minimum, new_lattice(7)), new_lattice(7)
     write_node(problem, minimum, lattice, 0)
-    basis, log_cell = basis_of(lattice.curvatures[0], False)
+    basis, log_cell = basis_of(lattice.curvatures[0])
     finer, _ = fill(problem, basis / 2, lattice)
     assert 9 < result.nodes < 18 < 60 < finer.nodes < 400
     stds = np.sqrt(finer.covariance.diagonal())

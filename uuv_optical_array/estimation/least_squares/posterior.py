@@ -251,7 +251,7 @@ def write_covariance(parts: Array, factor: Array, count: int, covariance: Array)
             covariance[i, j] = covariance[j, i] = shared
 
 
-def basis_of(curvature: Array, round_shape: bool) -> tuple[Array, float]:
+def basis_of(curvature: Array) -> tuple[Array, float]:
     """Return the steps of a lattice along the axes of a Gaussian, and the logarithm of a cell."""
     half, apart = 0.5 * (curvature[0] + curvature[2]), 0.5 * (curvature[0] - curvature[2])
     turn = np.hypot(apart, curvature[1])
@@ -259,8 +259,6 @@ def basis_of(curvature: Array, round_shape: bool) -> tuple[Array, float]:
     narrow = SPACING / np.sqrt(half + turn)
     wide = SPACING / np.sqrt(max(half - turn, 1e-12 * half))
     narrow, wide = min(narrow, LONGEST), min(wide, LONGEST)
-    if round_shape:
-        wide = narrow
     basis = np.empty((2, 2))
     basis[0, 0], basis[1, 0] = narrow * np.cos(angle), narrow * np.sin(angle)
     basis[0, 1], basis[1, 1] = -wide * np.sin(angle), wide * np.cos(angle)
@@ -465,7 +463,7 @@ def integrate(problem: Problem, minimum: State, given: Lattice) -> PosteriorMome
     write_node(problem, minimum, lattice, MINIMUM)
     if not np.isfinite(lattice.logs[0]):
         return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
-    basis, log_cell = basis_of(lattice.curvatures[0], problem.frame.share > 0)
+    basis, log_cell = basis_of(lattice.curvatures[0])
     # Only a beam of several Gaussians dims so evenly that a long and bent ridge is left.
     ridge = problem.frame.gaussians.shape[1] > 1
     longest = max(np.hypot(basis[0, 0], basis[1, 0]), np.hypot(basis[0, 1], basis[1, 1]))

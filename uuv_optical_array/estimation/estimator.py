@@ -78,8 +78,8 @@ class Estimator:
         ``sam_interpolated``. On a 13^5 table 64 give a mean normalised squared error near its
         expectation of 5; fewer are overconfident.
     candidates
-        Poses of like signature from which ``least_squares`` starts; four times as many in doubt,
-        and `MOST_STARTS` where few detectors are lit.
+        Poses of like signature from which ``least_squares`` starts; `MOST_STARTS` where few
+        detectors are lit.
     max_misfit
         An image whose residuals are less probable than this, under scene and prior, is not of this
         scene and has no pose. Gains that the prior leaves unknown may be twice as large.

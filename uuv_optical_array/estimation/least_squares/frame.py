@@ -27,7 +27,6 @@ from uuv_optical_array.estimation.least_squares.problem import (
     MANY_STEPS,
     MOST_STEPS,
     POSE,
-    USUAL,
     Problem,
     State,
     evaluate,
@@ -48,7 +47,6 @@ from uuv_optical_array.estimation.least_squares.starts import (
 from uuv_optical_array.estimation.least_squares.thinned import thinned
 from uuv_optical_array.estimation.unknowns.coordinates import to_lamp
 
-MORE = 4  # times as many starts where the first ones leave doubt
 # So few lit detectors fit many poses, and so many starts are tried.
 FEW_LIT, MOST_STARTS = 10, 64
 # Fits closer together than this, in standard deviations, are in one minimum.
@@ -147,15 +145,8 @@ def descend(problem: Problem, minima: list[State], start: Array, steps: int) -> 
     insert(minima, state)
 
 
-def rivals(minima: list[State]) -> bool:
-    """Say whether the second of the minima is nearly as probable as the first."""
-    return len(minima) > 1 and minima[1].cost - minima[0].cost < NEGLIGIBLE
-
-
-def find_minima(
-    problem: Problem, guide: Guide, unit: Array, nearest: Any
-) -> tuple[list[State], float]:
-    """Return the minima, best first, and the misfit of the first.
+def find_minima(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> list[State]:
+    """Return the minima, best first.
 
     Those of a large array are found by few of its detectors, and refined by all.
 
@@ -168,56 +159,43 @@ def find_minima(
     for state in found:
         if state.cost - found[0].cost < NEGLIGIBLE:
             insert(minima, settle(problem, state.parts[AT]))
-    return minima, score_of(problem, minima)
+    return minima
+
+
+def minimum_from(problem: Problem, start: Array) -> list[State]:
+    """Return the minimum that one start leads to, as `find_minima` does."""
+    minima = [refine(problem, start, MOST_STEPS)]
+    if not np.isfinite(minima[0].cost):
+        minima.clear()
+    return minima
 
 
 def search_few(given: Problem, guide: Guide, unit: Array, nearest: Any) -> list[State]:
     """Return the minima that `search` finds by readings that the problem alone holds."""
-    return search(borrowed(given), guide, unit, nearest)[0]
+    return search(borrowed(given), guide, unit, nearest)
 
 
-def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> tuple[list[State], float]:
-    """Return what `find_minima` does, by the readings that the guide is of.
-
-    Where the first starts lead to rivals or to a fit that noise can hardly explain, more follow.
-    """
+def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> list[State]:
+    """Return what `find_minima` does, by the readings that the guide is of."""
     few = not guide.gaussian and lit(problem.readings, problem.noise) < FEW_LIT
-    most = guide.units.shape[1]
     rows, count, steps = nearest, guide.candidates, MOST_STEPS
     if few:
-        count, steps = min(MOST_STARTS, most), FEW_STEPS
+        count, steps = min(MOST_STARTS, guide.units.shape[1]), FEW_STEPS
         rows = rows_alike(problem.readings, guide, unit, count)
-    minima = [refine(problem, start_at(problem, guide.poses[rows[0]]), MOST_STEPS)]
-    if not np.isfinite(minima[0].cost):
-        minima.clear()
+    minima = minimum_from(problem, start_at(problem, guide.poses[rows[0]]))
     for i in range(1, count):
         descend(problem, minima, start_at(problem, guide.poses[rows[i]]), steps)
     if not few:
-        score = score_of(problem, minima)
-        if score <= USUAL and not rivals(minima):
-            return minima, score
-        count = min(MORE * guide.candidates, most)
-        rows = rows_alike(problem.readings, guide, unit, count)
-        for i in range(1, count):
-            descend(problem, minima, start_at(problem, guide.poses[rows[i]]), FEW_STEPS)
-    found = minima[: FOLLOWED if few else guide.candidates]
-    minima = minima[:0]
+        return minima
+    found, minima = minima[:FOLLOWED], minima[:0]
     for state in found:
         insert(minima, refine(problem, state.parts[AT], MANY_STEPS))
-    return minima, score_of(problem, minima)
+    return minima
 
 
 def score_of(problem: Problem, minima: list[State]) -> float:
     """Return the misfit of the best of minima; inf where there is none."""
     return misfit(problem, minima[0].parts[AT]) if len(minima) > 0 else np.inf
-
-
-def minimum_from(problem: Problem, start: Array) -> tuple[list[State], float]:
-    """Return the minimum that one start leads to, as `find_minima` does."""
-    minima = [refine(problem, start, MOST_STEPS)]
-    if not np.isfinite(minima[0].cost):
-        minima.clear()
-    return minima, score_of(problem, minima)
 
 
 def posterior_about(problem: Problem, minima: list[State]) -> PosteriorMoments:
@@ -283,9 +261,10 @@ def estimate_frame(
     angle = 2 * np.arcsin(min(0.5 * chords[0], 1.0))
     second_angle = 2 * np.arcsin(min(0.5 * chords[1], 1.0))
     if way == DOUBTED:
-        minima, score = minimum_from(problem, there)
+        minima = minimum_from(problem, there)
     else:
-        minima, score = find_minima(problem, guide, unit, nearest)
+        minima = find_minima(problem, guide, unit, nearest)
+    score = score_of(problem, minima)
     if len(minima) > 0:
         for i in range(len(at)):
             at[i] = minima[0].parts[POSE if i < 5 else AT, i]

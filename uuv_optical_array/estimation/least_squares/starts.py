@@ -41,7 +41,7 @@ class Guide(NamedTuple):
     - poses: of these and more, m and rad, shape ``(k, 5)``.
     - roots: square roots of their readings, by columns, shape ``(n, k)``, or ``(n, 0)``: not known.
     - weights: of the five key parameters, and the constant that is appended, shape ``(6,)``.
-    - candidates: rows to start from, unless these leave doubt.
+    - candidates: rows to start from, unless few detectors are lit.
     - max_score: score of the misfit beyond which a fit is no pose.
     - gaussian: whether the posterior is taken as linear at the best minimum, not integrated.
     - side, full_scale_counts, subdetector: as of `features.write_parameters`.

@@ -16,7 +16,6 @@ from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     GRADIENT,
     INFORMATION,
-    MANY_STEPS,
     evaluate,
     light_at,
     refine,
@@ -141,4 +140,4 @@ def test_a_step_that_ends_beside_a_bent_valley_is_not_taken_back_at_once():
         problem.evaluations = 0
         best = settle(problem, start)
         assert 1 < problem.evaluations <= 7
-        assert best.cost < refine(problem, best.parts[AT], MANY_STEPS).cost + 0.05
+        assert best.cost < refine(problem, best.parts[AT], 300).cost + 0.05

@@ -24,7 +24,6 @@ from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     FEW_STEPS,
     INFORMATION,
-    MANY_STEPS,
     MOST_STEPS,
     POSE,
     Problem,
@@ -189,7 +188,7 @@ def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> list[St
         return minima
     found, minima = minima[:FOLLOWED], minima[:0]
     for state in found:
-        insert(minima, refine(problem, state.parts[AT], MANY_STEPS))
+        insert(minima, refine(problem, state.parts[AT], MOST_STEPS))
     return minima
 
 

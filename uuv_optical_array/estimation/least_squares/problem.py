@@ -45,7 +45,6 @@ STEEPEST = np.pi / 3  # pitch of a vehicle, rad
 # Of NumPy's kind, as Numba compiles anew for each literal.
 FEW_STEPS: Any = np.int64(12)
 MOST_STEPS: Any = np.int64(40)
-MANY_STEPS: Any = np.int64(300)
 # Decrement from which the next step, a tenth of a standard deviation, arrives to second order.
 ARRIVED = 5e-3
 # Of `settle`: damping of the first step, and how many without gain it takes before it goes back.

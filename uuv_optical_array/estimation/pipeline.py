@@ -144,8 +144,6 @@ class Pipeline:
         if estimate.readings is None or estimate.believed is None:
             return estimate
         trust = self._doubted.trust(stamp_ns, estimate.believed)
-        if trust is None:
-            return estimate
         readings = estimate.readings.believed(trust)
         return estimate._replace(readings=readings, believed=trust * estimate.believed)
 

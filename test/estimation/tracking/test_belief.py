@@ -87,8 +87,9 @@ def test_constants_that_are_forgotten_are_the_prior_s_and_the_rest_is_kept():
     constants = Constants(("lamp.power",), (0.2,), 0.01, 4)
     space, rng = BiasSpace(constants, 1000.0), np.random.default_rng(2)
     root = rng.standard_normal((10 + space.size, 40))
-    belief = Belief(rng.standard_normal(len(root)), root @ root.T)
+    belief = Belief(rng.standard_normal(len(root)), root @ root.T, rows=np.ones((4, 11)), frames=3)
     after = space.forgotten(belief)
+    assert (after.rows, after.frames) == (0.0, 0)  # readings of before tell nothing any more
     offsets = space.by_offsets @ after.covariance[10:, 10:] @ space.by_offsets.T
     np.testing.assert_allclose(offsets, [[0.04]], rtol=1e-12)
     np.testing.assert_array_equal(space.offsets(after), [0.0])

@@ -47,8 +47,8 @@ def test_a_film_shows_the_lamp_off_and_the_state_in_its_colour(
         lit, named = [], []
         for number in range(picture.n_frames):
             picture.seek(number)
-            pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3).astype(float)
-            # The beam is yellow: much more red than blue, and in no state's colour.
+            pixels = np.asarray(picture.convert("RGB"))[32:].reshape(-1, 3).astype(float)
+            # The beam is yellow: much more red than blue; the title, above, may be nearly so.
             pale = (pixels[:, 0] - pixels[:, 2] > 30) & (pixels[:, 1] > 60) & (pixels[:, 0] < 200)
             lit.append(int(pale.sum()))
             wanted = {
@@ -57,7 +57,7 @@ def test_a_film_shows_the_lamp_off_and_the_state_in_its_colour(
             }
             title = np.asarray(picture.convert("RGB"))[:24].reshape(-1, 3).astype(float)
             off = {name: np.abs(title - wanted[name]).sum(axis=1) for name in wanted}
-            named.append(max(off, key=lambda name: (off[name] < 30).sum()))
+            named.append(max(off, key=lambda name: (off[name] < 60).sum()))
     dark = [kind.dark(1, 10.0 + number) for number in range(len(lit))]
     assert min(count for count, off in zip(lit, dark, strict=True) if not off) > 4 * max(
         count for count, off in zip(lit, dark, strict=True) if off

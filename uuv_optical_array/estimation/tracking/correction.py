@@ -10,10 +10,8 @@ What readings say of the biases alone has to be what these let expect. An image 
 scene, as that of two lamps, may well agree with the pose, and would teach what hours do not undo:
 it changes nothing.
 
-A pose without readings is an observation of the pose itself, which teaches the biases nothing, but
-where uneven light may be all that there is for long. Its errors are noise that is alike for a
-while, but for a share that all frames have in common, which stays out of the belief; those of
-uneven light count for less.
+A pose without readings is an observation of the pose itself. Its errors are noise, but for a share
+that all frames have in common, which stays out of the belief; those of uneven light count for less.
 """
 
 import math
@@ -46,10 +44,9 @@ from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordin
 # Where constants are not known, what makes poses without readings broad is mostly the constants and
 # the shape of their posterior, not noise, and that is the same in all frames.
 BROAD_SHARE = 0.75
-# Poses of frames without readings err alike: they count as one in so long, s. Where the scene
-# does not name what lights a frame unevenly, and it may be anything, their variance counts so many
-# times.
-ALIKE_S, UNNAMED_DOUBT = 0.7, 7.0
+# Poses of unevenly lit frames err alike: they count as one in so long a time, s. Where the scene
+# does not name what shades them it may be anything, and their variance counts so many times.
+UNEVEN_S, UNNAMED_DOUBT = 0.7, 7.0
 # Chance that the scene leaves what readings say of the biases. That light is not linear and that
 # detectors of a block differ leave distances a tenth longer than those of a chance of 1e-4.
 UNLIKE = 1e-9
@@ -104,16 +101,11 @@ class Correction:
         broad = self._constants.names and not frame.uneven
         return max(self._settings.common_share, BROAD_SHARE if broad else 0.0)
 
-    def correct(
-        self, belief: Belief, frame: Measurement, step_s: float, by_readings: bool
-    ) -> Corrected:
-        """Return a belief corrected by a frame, so long after the one before.
-
-        Its track is one `by_readings`, or of poses.
-        """
+    def correct(self, belief: Belief, frame: Measurement, step_s: float) -> Corrected:
+        """Return a belief corrected by a frame, so long after the one before."""
         if frame.readings is None:
-            observation = self._of_pose(belief, frame, step_s, by_readings)
-            corrected = Deferred(lambda: correct(belief, observation, teach=frame.uneven))
+            observation = self._of_pose(belief, frame, step_s)
+            corrected = Deferred(lambda: correct(belief, observation))
             weight = weigh(belief.covariance, observation)
             return Corrected(corrected, weight.distance, lambda: weight.cost)
         result = self._by_readings(belief, frame, frame.readings)
@@ -133,20 +125,19 @@ class Correction:
         mean[POSE], covariance[POSE, POSE] = frame.pose, root @ root.T
         return belief._replace(mean=mean, covariance=covariance)
 
-    def _of_pose(
-        self, belief: Belief, frame: Measurement, step_s: float, by_readings: bool
-    ) -> Observation:
+    def _of_pose(self, belief: Belief, frame: Measurement, step_s: float) -> Observation:
         """Return what a frame's pose says."""
-        root = self._white_root(frame, step_s if by_readings or frame.uneven else math.inf)
+        root = self._white_root(frame, step_s)
         off, slopes = wrapped(frame.pose - belief.mean[POSE]), np.eye(5, len(belief.mean))
         white = solve_triangular(root, np.column_stack([off, slopes]), lower=True)
         return Observation(white[:, 0], white[:, 1:])
 
     def _white_root(self, frame: Measurement, step_s: float) -> Array:
         """Return the lower root of the covariance of the new errors of a frame's pose."""
-        variance = (1 - self.common_share(frame)) * max(1.0, ALIKE_S / step_s)
-        if frame.uneven and not self._constants.names_shades:
-            variance *= UNNAMED_DOUBT
+        variance = 1 - self.common_share(frame)
+        if frame.uneven:
+            doubt = 1.0 if self._constants.names_shades else UNNAMED_DOUBT
+            variance *= doubt * max(1.0, UNEVEN_S / step_s)
         return math.sqrt(variance) * frame.root
 
     def _by_readings(

@@ -13,8 +13,9 @@
   so many in a row begins the track anew, which then knows nothing of the constants. So does the
   frame after as many whose readings agree with the pose, and not with what is known of the biases.
 
-Poses without readings do not say which part of their errors the constants make: a track of poses
-begins anew with the first readings.
+Poses without readings do not say which part of their errors the constants make. So a track that
+began with readings leaves them out, unless uneven light is why there are none; one of poses begins
+anew with the first readings.
 """
 
 import math
@@ -28,8 +29,10 @@ from scipy.special import chdtri
 from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.estimation.tracking.belief import STATE, Belief, BiasSpace
 from uuv_optical_array.estimation.tracking.correction import (
+    Corrected,
     Correction,
     Deferred,
+    pose_distance,
 )
 from uuv_optical_array.estimation.tracking.measurement import Measurement
 from uuv_optical_array.estimation.tracking.motion import (
@@ -60,6 +63,7 @@ class State:
     - frame: the newest in the track.
     - corrected: the belief corrected by that frame.
     - own_motion: whether the commands are obeyed; if "told", the rate is that of the leader.
+    - taken_ns: stamp of the newest frame that corrected anything, ns.
     - by_readings: whether any frame came with readings.
     - frames: how many corrected it since it began.
     - distance: Mahalanobis distance of `frame` from its prediction.
@@ -70,6 +74,7 @@ class State:
     frame: Measurement
     corrected: Deferred
     own_motion: OwnMotionIs
+    taken_ns: int
     by_readings: bool
     frames: int = 1
     distance: float = 0.0
@@ -113,11 +118,11 @@ class FrameFilter:
         obeys = before is None or before.own_motion != "contradicted"
         corrected = Deferred(lambda: self._correction.begun(begun, frame))
         own_motion = self.own_motion_at(stamp_ns, obeys)
-        return State(frame, frame, corrected, own_motion, frame.readings is not None)
+        return State(frame, frame, corrected, own_motion, stamp_ns, frame.readings is not None)
 
     def next(self, state: State, frame: Measurement) -> State:
         """Return the state after a later frame: in the track, without it, or in a new one."""
-        if frame.stamp_ns - state.frame.stamp_ns > self._reset_ns:
+        if frame.stamp_ns - state.taken_ns > self._reset_ns:
             return self.begun(frame, state)
         if state.corrected().unlike >= self._settings.reacquire_frames:
             return self.begun(frame, None)
@@ -176,15 +181,21 @@ class FrameFilter:
     ) -> tuple[State, Callable[[], float]]:
         """Return the state with a frame by one event, and twice its negative log-probability."""
         predicted = self._predicted(state, frame.stamp_ns, obeys, event)
-        step_s = (frame.stamp_ns - state.frame.stamp_ns) * 1e-9
-        corrected = self._correction.correct(predicted, frame, step_s, state.by_readings)
+        taken = frame.readings is not None or frame.uneven or not state.by_readings
+        if taken:
+            step_s = (frame.stamp_ns - state.frame.stamp_ns) * 1e-9
+            corrected = self._correction.correct(predicted, frame, step_s)
+        else:
+            still = Deferred(lambda: predicted)
+            corrected = Corrected(still, pose_distance(predicted, frame), lambda: 0.0)
         fused = State(
             frame,
             frame,
             corrected.belief,
             self.own_motion_at(frame.stamp_ns, obeys),
+            frame.stamp_ns if taken else state.taken_ns,
             state.by_readings or frame.readings is not None,
-            state.frames + 1,
+            state.frames + taken,
             corrected.distance,
         )
         return fused, lambda: corrected.cost() - 2 * math.log(SHARES[event])

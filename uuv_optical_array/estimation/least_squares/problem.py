@@ -49,8 +49,7 @@ MOST_STEPS: Any = np.int64(40)
 ARRIVED = 5e-3
 # Of `settle`: damping of the first step, and how many without gain it takes before it goes back.
 SLIGHT, UPHILL = 1e-6, 6
-# Scores that one honest image of a hundred exceeds, and one of a thousand.
-USUAL, UNUSUAL = 2.326, 3.09
+UNUSUAL = 3.09  # a score that one honest image of a thousand exceeds
 LIT_SHARE = 0.02  # of the brightest reading, below which daylight may be all that a reading shows
 # Rows of the parts of a state.
 AT, GRADIENT, POSE, VOLUME_SLOPES, POSE_SLOPES, INFORMATION = 0, 1, 2, 3, 4, 9

@@ -16,9 +16,9 @@ A. Mourikis and S. Roumeliotis, *IEEE ICRA* 2007), and then correct the pose for
 biases (S. F. Schmidt, *Advances in Control Systems* 3, 1966). What they say of pose and biases
 together would teach the errors of the motion's model and of linear images, in each frame the same.
 
-They teach once in `PLACE_S`, by their mean since. What noise does to a frame is in the
-pose at which the next ones are linearised, too, and what both have in common would add up to a
-wrong range at a place where nothing is to be learnt (G. Huang, A. Mourikis and S. Roumeliotis,
+Readings teach once in `PLACE_S`, by the mean of the frames since then. What noise does to a frame
+is in the pose at which the next ones are linearised, too, and what both have in common would add up
+to a wrong range at a place where nothing is to be learnt (G. Huang, A. Mourikis and S. Roumeliotis,
 *Int. J. Robotics Research* 29, 2010, on what linearising makes a filter believe).
 """
 

@@ -228,6 +228,22 @@ def test_poses_of_fewer_than_half_of_the_images_do_not_settle(period, settles):
     assert (pursuit.state == "locked") == settles
 
 
+@pytest.mark.parametrize(("refused", "settles"), [(0, True), (2, False)])
+def test_images_that_a_busy_estimator_leaves_out_are_not_refused(refused, settles):
+    """It takes the newest image, for three ticks, and refuses some between two poses."""
+    follower, taken_s, left = Following(OPEN, SHORT), -1.0, 0
+    for tick in range(150):
+        follower.looked(tick * TICK_S)
+        if tick % 3 == 0:
+            if taken_s >= 0 and left == 0:
+                pose = [*OPEN.station_m, 0, 0]
+                follower.update(taken_s, pose, STD_M**2 * np.eye(5), np.zeros(5))
+            left = refused if left == 0 else left - 1
+            taken_s = tick * TICK_S
+        follower.command(tick * TICK_S)
+    assert (follower.state.name == "locked") == settles
+
+
 def test_light_in_glimpses_farther_apart_than_the_timeout_never_settles():
     pursuit, _ = dark()
     pursuit.until("searching")

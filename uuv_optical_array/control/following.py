@@ -96,8 +96,9 @@ class Following:
         self.state = State("waiting", math.nan, "no pose has come yet")
         self._dark: Darkness | None = None
         self._settling: list[float] = []  # stamps of the poses that agree
-        self._images = 0  # since the first of them
+        self._of, self._images = 0, 0  # images since the first of them, and since the last pose
         self._image_s = -math.inf
+        self._heard_s = -math.inf  # stamp of the newest image as the last pose came
         self._glow: Glow | None = None  # of the newest image
         self._seen: Seen | None = None  # of the leader, by poses that steered
         self._lamps = Lamps()
@@ -283,14 +284,19 @@ class Following:
         self._seen = Seen(motion, copy(motion), track.margin_m, lit)
 
     def _settled(self, stamp_s: float) -> bool:
-        """Say whether poses up to this one, of most images, have agreed for long enough."""
+        """Say whether poses up to this one, of most images, have agreed for long enough.
+
+        A pose of an image that had come before the last pose did is of an estimator that is busy:
+        what else came meanwhile was left out, not refused.
+        """
         timeout_s = self._settings.light_timeout_s
         if self._settling and not 0 <= stamp_s - self._settling[-1] <= timeout_s:
             self._settling.clear()
-        if not self._settling:
-            self._images = 1
+        of = 1 if stamp_s <= self._heard_s else self._images
+        self._of = self._of + of if self._settling else 1
+        self._images, self._heard_s = 0, self._image_s
         self._settling.append(stamp_s)
-        often = 2 * len(self._settling) > self._images
+        often = 2 * len(self._settling) > self._of
         return often and stamp_s - self._settling[0] >= self._search.settle_s
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:

@@ -17,9 +17,10 @@ class Estimate(NamedTuple):
     - misfit: probability that a valid image leaves larger residuals, in [0, 1]; nan without a fit.
     - runner_up_angle_rad, runner_up_misfit: the same of the runner-up.
     - unobservable: degrees of freedom of which the image says next to nothing.
-    - readings: likelihood of the image near its best fit; ``None`` where nothing was expected, it
-      is far from Gaussian, or something may shade the image.
+    - readings: likelihood of the image near its best fit; ``None`` where nothing was expected, or
+      something may shade the image.
     - clear: probability that the image is lit as the scene says: by no shade, nor else unevenly.
+    - bent: whether the image is far from linear over what it leaves of the pose.
     - believed: probability of each reading that it is of the light, shape ``(n,)``; ``None``: 1.
     - left_out: rows and columns, from 0, of detectors left out: dead, stuck, dirty or in a glint.
     - roll: by several lamps, how much more the follower rolls than was given, rad.
@@ -42,6 +43,7 @@ class Estimate(NamedTuple):
     turn: Array | None = None
     dark_lamp: int | None = None
     believed: Array | None = None
+    bent: bool = False
 
     @property
     def fault(self) -> str:

@@ -131,10 +131,11 @@ class Pipeline:
             frame = stamp_ns, estimate.pose, estimate.covariance
             if estimate.readings is None or image is None:
                 newest = self.tracker.take(*frame, shaded=1 - estimate.clear)
-            else:  # by its readings, which are as good as linear
+            else:
                 used = self._trusted(stamp_ns, estimate)
                 near = self.estimator.lineariser(used, image, roll)
-                newest = self.tracker.take(*frame, used.readings, near)
+                readings = None if used.bent else used.readings
+                newest = self.tracker.take(*frame, readings, near)
             if newest != stamp_ns:
                 raise NoPose("late frame: it entered the track, whose newer pose is out")
         return estimate

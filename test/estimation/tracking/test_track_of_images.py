@@ -6,7 +6,7 @@ from scenes import changed, coarse, squared_error, with_prior
 from scipy.linalg import eigh
 from scipy.stats import chi2, norm
 
-from uuv_optical_array.core.geometry import YAW
+from uuv_optical_array.core.geometry import YAW, X
 from uuv_optical_array.core.messages import MAX_TWIST
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
@@ -190,14 +190,38 @@ def test_a_track_that_outliers_begin_anew_believes_nothing_that_it_learnt(estima
         ({"shape": "planar", "radius_m": None}, 6.0, False),
     ],
 )
-def test_a_track_takes_readings_where_the_image_shows_one_pose(
-    array, range_m, linear, compiled_fit
-):
+def test_an_image_is_linear_where_it_shows_one_pose(array, range_m, linear, compiled_fit):
     scene = changed(coarse("follow"), array=array, prior={"known": "calibrated"})
     found = Estimator(build_table(scene))
     known = Tracker(TrackerSettings(), constants=found.constants).uneven(0)
     image = ForwardModel(scene).light(np.array([-range_m, *POSE[1:]]))
-    assert (found.estimate(image, uneven=known).readings is not None) == linear
+    assert found.estimate(image, uneven=known).bent == (not linear)
+
+
+def test_a_track_goes_on_through_images_that_are_far_from_linear(estimator):
+    """18 deg off the beam's axis a lamp's place and the turn of the array look much alike."""
+    model, stds = ForwardModel(estimator.scene), estimator.scene.nuisance_std()
+    squares, errors, bent = [], [], []
+    for seed in (0, 3, 4):
+        rng, pipeline = np.random.default_rng(seed), Pipeline(estimator)
+        sea = {name: np.array(std * rng.standard_normal()) for name, std in stds.items()}
+        gains = 1 + estimator.scene.prior.gain_std * rng.standard_normal((5, 5))
+        for k in range(200):
+            aside = np.radians(18) * min(k / 60, 1)
+            yaw = np.radians(10) * np.sin(2 * np.pi * k / 80) - aside
+            pose = np.array([-5 * np.cos(aside), 5 * np.sin(aside), 0.2, 0.05, yaw])
+            image = model.read(model.with_gains(model.light(pose, 0.0, sea), gains), rng)
+            estimate, track = pipeline.answer((k + 10) * 100_000_000, image)[1:3]
+            if k >= 80:
+                bent.append(estimate.bent)
+                squares.append(squared_error(track, pose))
+                errors.append((track.pose - pose, estimate.pose - pose))
+    assert np.mean(bent) > 0.9
+    tracked, single = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert (tracked[[YAW, X]] < 0.6 * single[[YAW, X]]).all()
+    assert tracked[YAW] < 0.4 * single[YAW]
+    # In one sea all errors are as one.
+    assert np.mean(squares) < 5 + 3 * np.sqrt(10 / 3)
 
 
 # Each of these seas with gaps, where the readings alone were held to the track, lost it.

@@ -59,6 +59,12 @@ def frames(seed, detectors, count=7, truth=None, apart_s=1.0):
     return stamps.tolist(), found
 
 
+def anywhere(readings, at):
+    """Return linear readings as of another place."""
+    off = readings.slopes @ (at - readings.at)
+    return readings._replace(at=at, residuals=readings.residuals - off)
+
+
 def fed(tracker, stamps, readings, covariance=SHARP):
     for stamp, each in zip(stamps, readings, strict=True):
         track = tracker.update(stamp, each.at[:5], covariance, each)
@@ -196,6 +202,26 @@ def test_only_frames_in_a_row_that_no_constants_explain_begin_the_track_anew():
     for place in (1, 2, 4):
         readings[place] = of_another_scene(readings[place])
     assert fed(Tracker(settings, constants=constants(25)), stamps, readings).frames == 6
+
+
+def test_what_is_linear_where_the_track_expects_it_counts_as_if_it_were_so_about_its_fit():
+    stamps, readings = frames(1, 9)
+    tracker = Tracker(DRIFTING, constants=constants(9))
+    fed(tracker, stamps[:1], readings[:1])
+    for stamp, each in zip(stamps[1:], readings[1:], strict=True):
+        near = functools.partial(anywhere, each)
+        track = tracker.update(stamp, each.at[:5], SHARP, relinearise=near)
+    assert_is(track, *textbook(stamps, readings, 9))
+
+
+def test_what_is_not_linear_about_its_fit_begins_a_track_by_its_pose():
+    stamps, readings = frames(1, 9, 3)
+    by_pose, tracker = (Tracker(DRIFTING, constants=constants(9)) for _ in range(2))
+    for stamp, each in zip(stamps[:2], readings[:2], strict=True):
+        near = functools.partial(anywhere, each)
+        track = tracker.update(stamp, each.at[:5], NOISE, relinearise=near)
+        assert_same(track, by_pose.update(stamp, each.at[:5], NOISE))
+    assert tracker.update(stamps[2], readings[2].at[:5], NOISE, readings[2]).frames == 1
 
 
 def test_a_track_begins_with_readings_as_they_are():
@@ -389,3 +415,6 @@ def test_readings_that_cannot_be_linearised_on_the_way_are_taken_as_they_are():
         track = asked.update(stamp, each.at[:5], NOISE, each, near)
         assert_same(track, plain.update(stamp, each.at[:5], NOISE, each))
     assert places
+    # Nor are they taken at all where they are linear nowhere else.
+    later = stamps[-1] + TENTH_NS, each.at[:5], NOISE
+    assert_same(asked.update(*later, relinearise=near), plain.update(*later))

@@ -372,7 +372,7 @@ class ImageFit:
                 covariance = covariance + clear * slopes @ slopes.T
         # A reading at full scale says only how little the light is at least, which is not linear.
         below = image.readings.max() < self._model.noise.high
-        if near and not (clear > CLEAR and below and main.nearly_gaussian):
+        if near and not (clear > CLEAR and below):
             near = None
         dark, left_out = self._left_out(result.weights)
         return Estimate(
@@ -391,6 +391,7 @@ class ImageFit:
             result.covariance[:, 5] if len(rolls) else None,
             dark,
             main.frame.weights,
+            not main.nearly_gaussian,
         )
 
     def _left_out(self, weights: Array) -> tuple[int | None, tuple[tuple[int, int], ...]]:

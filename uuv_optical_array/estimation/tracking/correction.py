@@ -4,7 +4,8 @@ Readings are applied in coordinates in which images stay linear (`joint_coordina
 linearised once more on the way from the predicted pose to the corrected one (`RELINEARISE_AT`).
 Slopes at its end have the noise of the readings that they weigh, those at its beginning leave out
 the curvature of the light: either biases what is learnt, the same in each frame. That way is the
-one of the five numbers that depend on the pose.
+one of the five numbers that depend on the pose. It begins where the image's own fit has them, or
+where the track expects them of an image that is not linear about its fit.
 
 What readings say of the biases alone has to be what these let expect. An image that is not of the
 scene, as that of two lamps, may well agree with the pose, and would teach what hours do not undo:
@@ -101,14 +102,32 @@ class Correction:
         broad = self._constants.names and not frame.uneven
         return max(self._settings.common_share, BROAD_SHARE if broad else 0.0)
 
-    def correct(self, belief: Belief, frame: Measurement, step_s: float) -> Corrected:
-        """Return a belief corrected by a frame, so long after the one before."""
-        if frame.readings is None:
+    def readings(self, belief: Belief, frame: Measurement) -> LinearisedReadings | None:
+        """Return a frame's readings, linear about its fit, or else where the belief expects it."""
+        if frame.readings is not None or frame.relinearise is None:
+            return frame.readings
+        at = np.concatenate([belief.mean[POSE], self._space.offsets(belief)])
+        with suppress(ValueError):  # not finite there
+            return checked_readings(frame.relinearise(at), self._constants)
+        return None
+
+    def correct(
+        self,
+        belief: Belief,
+        frame: Measurement,
+        readings: LinearisedReadings | None,
+        step_s: float,
+    ) -> Corrected:
+        """Return a belief corrected by a frame, by its readings or its pose.
+
+        - step_s: time since the frame before, s.
+        """
+        if readings is None:
             observation = self._of_pose(belief, frame, step_s)
             corrected = Deferred(lambda: correct(belief, observation))
             weight = weigh(belief.covariance, observation)
             return Corrected(corrected, weight.distance, lambda: weight.cost)
-        result = self._by_readings(belief, frame, frame.readings)
+        result = self._by_readings(belief, frame, readings)
         distance = max(result.distance, pose_distance(belief, frame))
         return result._replace(distance=distance)
 

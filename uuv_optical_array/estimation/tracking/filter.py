@@ -135,12 +135,14 @@ class FrameFilter:
             return self.begun(frame, None)
         return replace(state, newest=frame, outliers=outliers, outlier=fused.distance)
 
-    def common_covariance(self, frame: Measurement) -> Array:
+    def common_covariance(self, state: State) -> Array:
         """Return the covariance of what a frame's pose errs as all frames do, ``(5, 5)``.
 
-        That is not in the belief, as no number of frames averages it out; 0 for one with readings.
+        That is not in the belief, as no number of frames averages it out; 0 for one by readings, or
+        that a track of readings leaves out.
         """
-        if frame.readings is not None:
+        frame = state.frame
+        if state.by_readings and not frame.uneven:
             return np.zeros((5, 5))
         return self._correction.common_share(frame) * (frame.root @ frame.root.T)
 
@@ -181,10 +183,13 @@ class FrameFilter:
     ) -> tuple[State, Callable[[], float]]:
         """Return the state with a frame by one event, and twice its negative log-probability."""
         predicted = self._predicted(state, frame.stamp_ns, obeys, event)
-        taken = frame.readings is not None or frame.uneven or not state.by_readings
+        readings = frame.readings
+        if state.by_readings:
+            readings = self._correction.readings(predicted, frame)
+        taken = readings is not None or frame.uneven or not state.by_readings
         if taken:
             step_s = (frame.stamp_ns - state.frame.stamp_ns) * 1e-9
-            corrected = self._correction.correct(predicted, frame, step_s)
+            corrected = self._correction.correct(predicted, frame, readings, step_s)
         else:
             still = Deferred(lambda: predicted)
             corrected = Corrected(still, pose_distance(predicted, frame), lambda: 0.0)

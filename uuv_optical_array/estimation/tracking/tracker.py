@@ -108,10 +108,10 @@ class Tracker:
         - stamp_ns: of the image, ns. One farther behind than ``buffer_s + reset_after_s`` starts
           anew: the clock was set back.
         - pose, covariance: m and rad, shapes ``(5,)`` and ``(5, 5)``, the latter positive definite.
-        - readings: likelihood of the image near its best fit; ``None``: constants stay as they are.
+        - readings: likelihood of the image near its best fit; ``None``: it is not linear there.
         - relinearise: returns the same likelihood near another place, as `LinearisedReadings.at`
-          has it; ``None``: `readings` are used as they are.
-        - shaded: probability that something shades the frame, in [0, 1]; not used with `readings`.
+          has it; ``None``: `readings` are used as they are, and constants stay without.
+        - shaded: probability that something shades the frame, in [0, 1], where both are ``None``.
         - returned: stamp of the newest frame in the track, ns: a later one where this came late.
         - Outlier: for a pose beyond the gate.
         - StampRefused: for a frame older than the buffer, or a stamp that is in it.
@@ -175,7 +175,7 @@ class Tracker:
         obeys = newest.own_motion != "contradicted"
         own_motion = self._filter.own_motion_at(stamp_ns, obeys)
         own = self._own_motion.twist(stamp_ns) if own_motion == "told" else np.zeros(5)
-        joint[POSE, POSE] += self._filter.common_covariance(newest.frame)
+        joint[POSE, POSE] += self._filter.common_covariance(newest)
         if stamp_ns != self._tested_ns:
             self._test(stamp_ns, np.concatenate([mean[POSE], offsets]), newest.frame)
         return Track(
@@ -250,7 +250,7 @@ class Tracker:
         ranges = self._ranges.between(before_ns, frame.stamp_ns)
         if not ranges or state.outliers:
             return state
-        common = self._filter.common_covariance(frame)[:3, :3]
+        common = self._filter.common_covariance(state)[:3, :3]
 
         def ranged() -> Belief:
             belief = state.corrected()

@@ -340,6 +340,18 @@ def test_what_a_lamp_left_is_told_from_the_leader_by_where_that_is_expected(afte
     assert apart == ("another lamp" in str(pursuit.refused))
 
 
+def test_a_sharp_pose_after_vague_ones_may_be_as_far_from_these_as_they_err():
+    """0.8 m at a standard deviation of 0.3 m, where the leader alone does not get in a tick."""
+    pursuit = Pursuit().run(LIT_S)
+    pursuit.std_m, pursuit.aside = 0.3, np.array([0.0, 0.8, 0.0])
+    pursuit.run(1.0)
+    pursuit.std_m, pursuit.aside = STD_M, np.zeros(3)
+    for _ in range(10):
+        pursuit.step()
+        assert pursuit.refused is None
+    assert pursuit.state == "locked"
+
+
 def test_a_lamp_that_dims_at_once_looks_farther_off_and_is_no_other():
     pursuit = Pursuit()
     pursuit.peak = 100.0

@@ -29,6 +29,18 @@ def test_a_fall_counts_beyond_each_of_the_last_images(share):
     assert watched(*before, share * least / LIT)[1] == ("out" if share < 1 else None)
 
 
+@pytest.mark.parametrize("left", [1.0, 0.5])
+def test_light_that_a_follower_swings_out_of_does_not_fall_at_once(left):
+    """By 3 deg an image in a beam of 8 deg it falls by up to 2.4 times; then a lamp goes out."""
+    off = np.arange(0, 25, 3) / 8
+    peaks = 200 * np.exp(-np.square(off) / 2)
+    peaks[-1] *= left
+    *swung, last = (watched(*peaks[: k + 1])[1] for k in range(len(peaks)))
+    assert peaks[-3] > 2 * peaks[-2]
+    assert not any(swung)
+    assert last == ("out" if left < 1 else None)
+
+
 @pytest.mark.parametrize("share", [0.99, 1.01])
 def test_light_that_grows_tells_of_a_second_lamp_once_and_only_beside_another(share):
     lamps, told = watched(100.0, 80.0)

@@ -73,12 +73,14 @@ class Seen(NamedTuple):
     """What is known of a leader as its light goes.
 
     - motion: by all poses that steered; last: the same, as of the last of them.
+    - covariance: of the last of them, ``(5, 5)``.
     - margin_m: by what the range of the last may err, m.
     - lit: that range, m, and the peak of its image, as of `Glow`; ``None``: it is not known.
     """
 
     motion: LeaderMotion
     last: LeaderMotion
+    covariance: Array
     margin_m: float
     lit: tuple[float, float] | None
 

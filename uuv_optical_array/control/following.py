@@ -237,7 +237,7 @@ class Following:
         if self._seen is None or last is None or stamp_s * 1e9 <= last.stamp_ns or not far:
             return
         expected, since_s = pose - self._law.off(stamp_s, pose), stamp_s - last.stamp_ns * 1e-9
-        reached = goes_on(expected, pose, covariance, since_s)
+        reached = goes_on(expected, pose, covariance + self._seen.covariance, since_s)
         if self._lamps.other is not None or not reached or self._lamps.taken_up(stamp_s):
             self._hold_apart(stamp_s, pose, covariance, self._seen.motion, reached)
 
@@ -281,7 +281,7 @@ class Following:
         lit = None
         if self._glow is not None:
             lit = float(np.linalg.norm(pose[:3])), self._glow.peak
-        self._seen = Seen(motion, copy(motion), track.margin_m, lit)
+        self._seen = Seen(motion, copy(motion), covariance, track.margin_m, lit)
 
     def _settled(self, stamp_s: float) -> bool:
         """Say whether poses up to this one, of most images, have agreed for long enough.

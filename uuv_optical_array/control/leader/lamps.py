@@ -1,8 +1,9 @@
 """Which of the lamps in sight is the leader's, by how light changes at once and by where they are.
 
 Where light falls at once a lamp went out, and what is left is another one where the leader is not
-expected; until the track has taken that up, a pose tells little of either. Where light grows at
-once beside a lamp that is held apart, a second one is lit.
+expected; until the track has taken that up, a pose tells little of either. Light that falls ever
+faster, as where one swings out of the beam, does not fall at once. Where light grows at once
+beside a lamp that is held apart, a second one is lit.
 """
 
 import math
@@ -16,7 +17,8 @@ from uuv_optical_array.control.leader.sight import SightSettings
 from uuv_optical_array.core.geometry import Array
 
 # By what factor, and beyond each of how many images, light grows where a second lamp is lit and
-# falls where one of two goes out; in what time after that what is left is taken up by the track.
+# falls, more than by then, where one of two goes out; in what time what is left is taken up by the
+# track.
 LIT, LIT_IMAGES, LEFT_S = 1.4, 3, 2.0
 
 Change = Literal["lit", "out"]
@@ -51,6 +53,8 @@ class Lamps:
             return None
         grew = bool(peaks) and glow.peak > LIT * max(peaks)
         fell = bool(peaks) and LIT * glow.peak < min(peaks)
+        if fell and len(peaks) > 1:
+            fell = LIT * glow.peak * peaks[-2] < peaks[-1] ** 2
         peaks.append(glow.peak)
         if fell:
             self._out_s, self._left = stamp_s, steers

@@ -119,8 +119,7 @@ class OtherLamp:
 def goes_on(expected: Array, pose: Array, covariance: Array, since_s: float) -> bool:
     """Say whether a lamp may be that of a leader that was expected in another pose, ``(5,)``.
 
-    - covariance: of `pose`, ``(5, 5)``. The errors of poses within a second are alike, so that
-      their difference errs by no more than one of them.
+    - covariance: the sum of those of both poses, ``(5, 5)``, of which one may be vague.
     - since_s: since the pose by which the leader is expected, s.
     """
     place, heading = seen_at(expected, pose)

@@ -60,27 +60,20 @@ def draw(searches: list[dict[str, Any]], path: Path) -> None:
             rows = [found["rows"] for found in searches]
             each = [found["peers"][name] for found in searches]
             us = [one[key] for one in each]
-            axes.plot(rows, us, color=colour, lw=2.5 if name == OURS else 1.3)
+            axes.plot(rows, us, color=colour, label=name, lw=2.5 if name == OURS else 1.3)
             for exact, style in (
                 (True, {"marker": "o", "ms": 7}),
                 (False, {"marker": "x", "ms": 9, "mew": 2}),
             ):
                 chosen = [i for i, one in enumerate(each) if one["exact"] == exact]
-                if chosen:
-                    axes.plot(
-                        [rows[i] for i in chosen],
-                        [us[i] for i in chosen],
-                        ls="",
-                        color=colour,
-                        label=name,
-                        **style,
-                    )
+                marked = [rows[i] for i in chosen], [us[i] for i in chosen]
+                axes.plot(*marked, ls="", color=colour, **style)
         axes.set(xscale="log", yscale="log", title=title, xlabel="signatures in the table")
         axes.grid(which="major", alpha=0.4)
     panels[0].set_ylabel("median time of a query (us)")
     panels[1].legend(loc="upper left", fontsize=9)
     figure.suptitle(
-        "Search by spectral angle. Cross: some query was answered wrongly, or not refused: angles "
-        "that are tiny, numbers that are huge, vectors of zeros"
+        "Search by spectral angle. Cross: some query was answered wrongly, or not refused,\n"
+        "of angles that are tiny, numbers that are huge, or vectors of zeros"
     )
     save(figure, path)

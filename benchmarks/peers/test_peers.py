@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from peers import __main__ as program
-from peers import libraries
+from peers import libraries, report
 from peers.exact import hard_cases, is_nearest, nearest_exactly, verdict
 from peers.libraries import BUILDERS, NEEDS, OURS, missing
 from peers.search import BATCH, compare, figures, signatures
@@ -164,6 +164,25 @@ def test_a_wrong_peer_is_counted_and_the_right_one_is_not(rows):
     # A hard case alone takes the word away too.
     wrong = figures(answers, {OURS: {**right, "more": "row 0, NaN"}, "last": right})
     assert not wrong[OURS]["exact"]
+
+
+def test_a_picture_names_each_peer_once_below_a_title_that_fits(monkeypatch, tmp_path):
+    """Of peers that answer rightly in small tables and wrongly in large ones."""
+    figures_drawn = []
+    monkeypatch.setattr(report, "save", lambda figure, path: figures_drawn.append(figure))
+    peers = {name: {"query_us": 3.0, "batch_us": 2.0} for name in BUILDERS}
+    searches = [
+        {"rows": rows, "peers": {name: {**each, "exact": exact} for name, each in peers.items()}}
+        for rows, exact in ((1000, True), (10000, False))
+    ]
+    report.draw(searches, tmp_path / "peers.png")
+    (figure,) = figures_drawn
+    figure.draw_without_rendering()
+    legend = figure.axes[1].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == list(BUILDERS)
+    (title,) = figure.texts
+    box = title.get_window_extent()
+    assert figure.bbox.x0 < box.x0 < box.x1 < figure.bbox.x1
 
 
 @pytest.mark.parametrize("rows_at_once", [1, 3, 1000])

@@ -29,6 +29,9 @@ def test_every_ready_scene_is_listed_with_its_sentence_and_figures():
     text = "\n".join(blocks)
     assert "curved 21 x 21, 1000 of 1023 counts at 4 m, beam 4.5 deg, K 0.1 /m" in text
     assert "900 counts by 3 lamps, each of 702.5, at 4 m" in text  # not 900 of 702.5
+    # A scene for 4 to 8 m says of what its shorter reach is.
+    near, far = reach(load_scene("follow"))
+    assert f"reach within 0.2 m and 10 deg: {near:.1f} to {far:.1f} m, table to 8.3 m" in text
     assert "known exactly except lamp_power_std, k_std_per_m" in text
     assert "known calibrated except shade_probability, shade_depth" in text
     assert "effects: none" in text
@@ -52,7 +55,7 @@ def test_reach_is_where_the_bound_of_each_aligned_pose_meets_the_specification(n
 def test_reach_is_nowhere_in_the_dark_and_endless_without_noise():
     dark = changed("reference", lamp={"reference_counts": 1.0})
     assert reach(dark) is None
-    assert "reach nowhere" in command.figures(dark)[1]
+    assert "reach within 0.2 m and 10 deg: nowhere" in command.figures(dark)[1]
     assert reach(load_scene("ideal"))[1] == REACH_M[-1]
 
 

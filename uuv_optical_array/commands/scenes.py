@@ -66,7 +66,7 @@ def figures(scene: Scene) -> list[str]:
     text = "nowhere"
     if span is not None:
         beyond = "beyond " if span[1] == REACH_M[-1] else ""
-        text = f"from {span[0]:.1f} to {beyond}{span[1]:.1f} m"
+        text = f"{span[0]:.1f} to {beyond}{span[1]:.1f} m"
     known = scene.prior.known
     named = scene_from_settings({**scene.settings(), "prior": {"known": known}}, scene.name).prior
     # The keys in which the prior differs from the one of its name.
@@ -79,7 +79,8 @@ def figures(scene: Scene) -> list[str]:
     return [
         f"{array.shape} {side} x {side}, {counts} at "
         f"{lamp.reference_range_m:g} m, beam {lamp.beam_sigma_deg:g} deg, {water}",
-        f"reach {text}, table to {-scene.table.x_m.start:g} m; known {prior}",
+        f"reach within 0.2 m and 10 deg: {text}, table to {-scene.table.x_m.start:g} m; "
+        f"known {prior}",
         f"effects: {', '.join(scene.effects) or 'none'}",
     ]
 

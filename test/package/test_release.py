@@ -50,6 +50,15 @@ def test_workflows_name_targets_of_make_and_the_container_runs_the_commands_of_t
     assert f'\nCMD ["make", "{second}"' in container
 
 
+def test_the_workflow_builds_on_the_distributions_that_the_page_names():
+    matrix = yaml_text.read(ROOT / ".github" / "workflows" / "ci.yml")["jobs"]["workspace"]
+    page = text("docs/how_to/install.md")
+    (named,) = re.findall(r"ci\.yml` builds and tests on ([\w,\s]+), on both architectures", page)
+    assert matrix["strategy"]["matrix"]["distribution"] == re.findall(
+        "[a-z]+", named.lower().replace(" and ", " ")
+    )
+
+
 def test_the_citation_names_license_and_doi_of_the_package():
     citation = yaml_text.read(ROOT / "CITATION.cff")
     package = ElementTree.fromstring(text("package.xml"))

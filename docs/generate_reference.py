@@ -451,11 +451,15 @@ def commands() -> list[str]:
     for parser in parsers:
         for name, (meaning, default) in options_of(parser).items():
             defaults.setdefault((name, meaning), []).append(default)
-    # What several commands have is common, with its default if that is the same for all.
+    most: dict[str, int] = {}
+    for (name, _), found in defaults.items():
+        most[name] = max(most.get(name, 2), len(found))
+    # What several commands have is common, with its default if that is the same for all; of a name
+    # with several meanings, the one that most commands have.
     common = {
         name: (meaning, found[0] if len(set(found)) == 1 else "")
         for (name, meaning), found in defaults.items()
-        if len(found) > 1
+        if len(found) == most[name]
     }
     settings = [name for name in common if re.match(r"\w+=", name)]
     parts = [

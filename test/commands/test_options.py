@@ -93,6 +93,13 @@ def test_the_name_of_a_study_alone_says_how_it_is_called():
     assert error == "uuv_array accuracy: it is called `uuv_array study accuracy`"
 
 
+def test_each_command_that_writes_takes_the_short_name_of_its_output():
+    helps = [parser.format_help() for parser in reference.command_parsers(build_parser())]
+    long = [text for text in helps if "  --output" in text or ", --output" in text]
+    assert len(long) > 10
+    assert not [text for text in long if "  -o " not in text]
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [

@@ -22,13 +22,16 @@ def add_picture(
     """Add the option that names a picture."""
     about = f"{about}: {_listed(PICTURE)}" + (" (default: %(default)s)" if default else "")
     path = default and Path(default)
-    parser.add_argument(option, type=Path, default=path, metavar="FILE", help=about)
+    parser.add_argument(*_names(option), type=Path, default=path, metavar="FILE", help=about)
 
 
 def add_folder(parser: Any, about: str, option: str = "--output") -> None:
     """Add the option that names a folder."""
-    names = ("-o", option) if option == "--output" else (option,)
-    parser.add_argument(*names, type=Path, metavar="DIR", help=about)
+    parser.add_argument(*_names(option), type=Path, metavar="DIR", help=about)
+
+
+def _names(option: str) -> tuple[str, ...]:
+    return ("-o", option) if option == "--output" else (option,)
 
 
 def add_scene_file(parser: Any, default: str) -> None:

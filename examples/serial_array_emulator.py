@@ -1,4 +1,4 @@
-"""An array on a serial line that is none: images of a scene, sent over a pseudo-terminal.
+"""An emulated array on a serial line: images of a scene, sent over a pseudo-terminal.
 
     python3 examples/serial_array_emulator.py --link /tmp/array
     python3 examples/serial_array_node.py --ros-args -p port:=/tmp/array

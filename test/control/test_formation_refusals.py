@@ -1,4 +1,4 @@
-"""Nothing broken steers: no number that is none, no stray, nothing stale; without else it stops."""
+"""No broken, stray or stale pose steers; without a good one the follower stops."""
 
 import contextlib
 

@@ -1,4 +1,4 @@
-"""Images of every kind, thirty thousand in all: no accident, no warning, no pose that is none."""
+"""Images of every kind, thirty thousand in all: no exception, no warning, no invalid pose."""
 
 import numpy as np
 import pytest

@@ -23,7 +23,7 @@ SURE, LEAST_S = 3.0, 1e-3  # standard errors, and s, from where an offset is bel
 class Clock:
     """The offset of the images' clock: a pose is that of an image's stamp and `offset_s`.
 
-    - std_s: its standard error, s; inf: the drive does not tell it.
+    - std_s: its standard error, s; inf: not observable on this drive.
     - applied: whether it was large and certain enough to be taken into account.
     """
 

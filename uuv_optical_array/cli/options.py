@@ -36,7 +36,7 @@ class Parser(argparse.ArgumentParser):
     """A parser that says which word was perhaps meant, as argparse itself does from Python 3.14."""
 
     def error(self, message: str) -> NoReturn:
-        """End with exit code 2; a choice that is none gets the nearest that is one."""
+        """End with exit code 2; an unknown choice is answered with the nearest known one."""
         wrong = re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message)
         hint = meant(wrong[1], re.findall(r"[\w-]+", wrong[2])) if wrong else ""
         super().error(message + hint)

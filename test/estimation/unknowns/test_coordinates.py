@@ -123,7 +123,7 @@ def test_the_coordinates_are_place_and_dimness_of_the_lamp_and_lead_back(frame, 
     off_axis = math.atan2(math.hypot(centre[1], centre[2]), -centre[0])
     beam = (off_axis / frame.beam_sigma_rad) ** 2 / 4
     if frame.gaussians is BEAM:
-        nearer = beam * (BEAM[1] ** -2.0 - BEAM[1].max() ** -2.0)  # to the widest, lest it be 0
+        nearer = beam * (BEAM[1] ** -2.0 - BEAM[1].max() ** -2.0)  # to the widest: not 0
         beam = beam / BEAM[1].max() ** 2 - 0.5 * math.log(BEAM[0] @ np.exp(-2 * nearer))
         assume(beam < 300)
     dimness = math.log(r) + frame.k_per_m * r / 2 + beam

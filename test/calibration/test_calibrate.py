@@ -278,7 +278,7 @@ def test_bags_that_are_none_are_refused_in_one_line(recorded, tmp_path):
     line = run(*command(typed, tmp_path, "--set", f"image_topic={LEADER}"), code=1)
     assert f"{LEADER} is nav_msgs/msg/Odometry, not sensor_msgs/msg/Image" in line
     line = run(*command(typed, tmp_path, "--set", f"leader_topic={FOLLOWER}"), code=1)
-    assert "one topic" in line
+    assert "the same topic" in line
     again = [*recorded[100:130], *recorded[:30]]
     line = run(*command(write_bag(tmp_path / "twice", again), tmp_path), code=1)
     assert "the clock was set back" in line

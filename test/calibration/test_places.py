@@ -64,7 +64,9 @@ def test_a_rail_and_a_tape_calibrate_a_scene(tank, tmp_path):
     )
     assert load_scene(output).lamp.beam_sigma_deg == pytest.approx(6.5, abs=0.2)
     both = ("--places", table, "--set", "attitude_std_deg=1")
-    assert "the table of --places says it" in run("calibrate", bag, *both, code=2)
+    assert "--set attitude_std_deg: the table of --places has these errors" in run(
+        "calibrate", bag, *both, code=2
+    )
 
 
 def test_images_of_a_place_share_its_error(tank):
@@ -115,12 +117,12 @@ def test_times_find_the_nearest_image_or_all_of_a_span(tmp_path):
         (f"image,colour,{HEAD}", ["0"], "columns image, colour, x_m"),
         (f"image,until_s,{HEAD}", ["0"], "perhaps last_image and roll_deg"),
         (f"image,{HEAD}", ["0,far,0,0,0,0,1,1,1,1,1"], "line 2: could not convert .*'far'"),
-        (f"image,{HEAD}", ["0,0,0,0,0,0,1,1,-1,1,1"], "line 2: z_std_m: -1.0; give a number, of"),
+        (f"image,{HEAD}", ["0,0,0,0,0,0,1,1,-1,1,1"], "line 2: z_std_m: -1.0; give a number; an error"),
         (f"image,{HEAD}", ["0,0,0,0,0,nan,1,1,1,1,1"], "line 2: yaw_deg: nan"),
         (f"image,{HEAD}", ["0,0,0"], "line 2: 3 cells; give 11"),
         (f"image,{HEAD}", ["9,0,0,0,0,0,1,1,1,1,1"], "line 2: no image; the bag has 5 in 4.0 s"),
         (f"time_s,{HEAD}", ["9,0,0,0,0,0,1,1,1,1,1"], "line 2: no image"),
-        (f"image,{HEAD}", ["1,0,0,0,0,0,1,1,1,1,1"] * 2, "line 3: an image of another line"),
+        (f"image,{HEAD}", ["1,0,0,0,0,0,1,1,1,1,1"] * 2, "line 3: it has an image of another line"),
     ],
 )
 def test_a_bad_table_is_refused_with_its_line(head, rows, words, tmp_path):
@@ -152,7 +154,7 @@ def rail(wrong=1.0, noise=1.0, off=0.0):
 )
 def test_places_in_other_axes_are_named_as_such(wrong, words):
     refusal = rail(wrong)
-    assert refusal.startswith("the places disagree with the light")
+    assert refusal.startswith("the light contradicts the places")
     # Mirrored; the light alone tells it to a part of it.
     assert float(re.search(words, refusal)[1]) == pytest.approx(-1, abs=0.4)
     assert "pitch" not in refusal.split(";")[0]
@@ -188,7 +190,7 @@ def test_an_error_of_places_is_said_by_its_kind():
     assert in_words(1, told, 0.3 + noise) == "all are off by y +0.3 m"
     elsewhere = np.where(np.arange(40) == 7, 5.0, 0.3 + noise)  # one of another pose
     assert in_words(1, told, elsewhere) == "all are off by y +0.3 m"
-    assert in_words(1, told, -2 * told + noise) == "y is -1.00 times what is told"
+    assert in_words(1, told, -2 * told + noise) == "y is -1.00 times the given value"
     assert in_words(3, told, np.radians(20) * rng.choice([-1.0, 1.0], 40)).startswith(
         "pitch is off by 20 deg rms"
     )

@@ -121,7 +121,7 @@ def test_ctrl_c_stops_the_command_and_the_same_command_finishes(tmp_path):
     # The first line comes once the first block is there.
     code, out, error = interrupted([*words, "--workers", "1"], b"\n", cwd=tmp_path)
     assert (code, re.findall(rb"Traceback|WARNING|ERROR", error)) == (130, []), error
-    assert out == b"interrupted: the same command goes on from what is in deep/t\n"
+    assert out == b"interrupted: the same command continues what is in deep/t\n"
     with begun(words, cwd=tmp_path) as process:
         out, _ = ended(process)
     table = build_table(load_scene(str(tmp_path / "sea.yaml")))

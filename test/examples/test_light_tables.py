@@ -103,7 +103,7 @@ def test_an_unknown_heading_is_left_to_the_light(light, tmp_path):
         "--set", UNIT, "--hold", "gains", "-o", tmp_path / "found.yaml",
     )  # fmt: skip
     told = run(*words, code=1)
-    assert "yaw_deg: not told of 40 of 40 places" in told
+    assert "yaw_deg: no value for 40 of 40 places" in told
     found = json_of(run, *words, "--unknown", "yaw_deg", "--noise", "--force")
     clock, sigma = found["clock"], found["parameters"]["lamp.beam_sigma_deg"]
     assert clock["offset_s"] == pytest.approx(-names["LATE_S"], abs=0.05)

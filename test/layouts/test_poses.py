@@ -137,6 +137,6 @@ def test_a_table_of_readings_has_poses_beside_its_own_columns(sphere, tmp_path):
     np.testing.assert_allclose(frames["z_m"], poses[:4, 2], atol=1e-5)
     assert (np.abs(frames["x_m"] - poses[:4, 0]) < 5 * frames["std_x_m"]).all()
     told = run(*words, "--known", "y_m", "-o", tmp_path / "no", code=1)
-    assert "--known y_m: not told of 4 of 4 images; fill its column, or give y_m=VALUE" in told
+    assert "--known y_m: no value for 4 of 4 images; fill its column, or give y_m=VALUE" in told
     told = run(*words, "--track", "-o", tmp_path / "no", code=2)
-    assert "of the scene's array alone" in told
+    assert "for the scene's array alone" in told

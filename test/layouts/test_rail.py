@@ -106,13 +106,13 @@ def test_what_a_rail_cannot_tell_is_said(rail):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ([], "z_m: not told of 120 of 120 places; add a column, or --known z_m=VALUE"),
+        ([], "z_m: no value for 120 of 120 places; add a column, or give --known z_m=VALUE"),
         (["--known", "z_m"], "--known z_m: no value; give z_m=VALUE"),
         (
             [*KNOWN, "--set", "counts_per_unit=1"],
             "the brightest reading is 7.98131 counts; a scene needs 10 at least",
         ),
-        ([*KNOWN, "--places", "x.csv"], "--places: its table tells whole poses"),
+        ([*KNOWN, "--places", "x.csv"], "--places: its table has complete poses"),
     ],
 )
 def test_what_is_missing_of_a_place_is_named(rail, words, told):
@@ -128,7 +128,7 @@ def test_what_is_missing_of_a_place_is_named(rail, words, told):
         ("# a rail\n", "", None),
         ("-1,0,ok", "-1 m,0,ok", "line 3: x_m: '-1 m' is no number; give one"),
         ("-1,0,ok", "-4000,0,ok", "line 3: x_m: -4000; it must be from -1000 to 1000"),
-        ("-1,0,ok", ",0,ok", "x_m: not told of 1 of 120 places"),
+        ("-1,0,ok", ",0,ok", "x_m: no value for 1 of 120 places"),
     ],
 )
 def test_a_bad_table_of_readings_is_refused_by_line(rail, tmp_path, old, new, told):

@@ -198,7 +198,7 @@ def test_metadata_that_cannot_be_read_hide_nothing_and_are_named(change, tmp_pat
 def test_of_a_split_that_is_missing_the_messages_are_counted(tmp_path):
     bag = write_bag(tmp_path / "bag", SENT[:7])
     changed(bag, "message_count: 7", "message_count: 12")
-    assert read(bag) == (ALL[:7], {"/array/image: counted, but in no file": 5})
+    assert read(bag) == (ALL[:7], {"/array/image: counted in metadata.yaml, but in no file": 5})
 
 
 def test_a_file_of_another_bag_is_not_mixed_in_and_is_named(tmp_path):

@@ -249,7 +249,7 @@ def test_a_folder_without_light_is_refused(tmp_path):
     told = run("study", "measured", tmp_path, code=2)
     assert "it has no .ies or .ldt file and no places_rss.csv" in told
     told = run("study", "measured", tmp_path / "no", code=2)
-    assert "there is none; name one of measured light" in told
+    assert "no such folder; name one of measured light" in told
 
 
 def test_a_room_is_reported(lamps):

@@ -166,7 +166,7 @@ class Acceptance(TorchSweeps):
         if max(ratio, 1 / max(ratio, 1e-9)) > MAX_RANGE_RATIO:
             return (
                 f"{text}: measure the distance again; if it is right, the light is "
-                f"{ratio**-2:.2g} times the scene's: correct lamp.reference_counts, or look at "
+                f"{ratio**-2:.2g} times the scene's: correct lamp.reference_counts, or check "
                 "lens and beam"
             )
         off = np.abs(seen.pose - [-told, 0, 0, 0, 0])[1:]

@@ -34,7 +34,7 @@ class Clock:
     def text(self) -> str:
         """Return what a user should know, in a sentence."""
         if not np.isfinite(self.std_s):
-            return "clocks: how far they are apart is not known; record a drive that turns back"
+            return "clocks: their offset is not known; record a drive that turns back"
         size = f"{abs(self.offset_s) * 1e3:.3g} ms +- {self.std_s * 1e3:.2g} ms"
         if not self.applied:
             return f"clocks: images and poses agree within {size}"

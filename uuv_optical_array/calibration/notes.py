@@ -87,7 +87,7 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
         f"lamps.{i} by {shift:.2f} m" for i, shift in enumerate(shifts) if shift > MOVED_M
     ]:
         return (
-            f"lamps shine from aside of where the scene has them, {', '.join(moved)}; check which "
+            f"lamps are not at the places of the scene: {', '.join(moved)}; check which "
             "channel is which lamp, their places in the scene, and --set beacon_position_m"
         )
     missing = missing_shape(fit)
@@ -216,8 +216,8 @@ def _residuals(scene: Scene, fit: CalibrationFit) -> list[str]:
         )
     if pattern:
         notes.append(
-            "detectors are off by the same in all images: their gains or the beam are not those "
-            "that were held"
+            "each detector has the same error in all images: gains or beam, which were held, are "
+            "not the scene's"
         )
     if misfit > MISFIT:
         notes.append(

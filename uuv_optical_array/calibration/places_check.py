@@ -71,7 +71,7 @@ def disagreement(scene: Scene, images: Array, poses: Array, rolls: Array, std: A
     ]
     if not words:
         return ""
-    return f"the places disagree with the light of {len(off)} of them: by it {'; '.join(words)}"
+    return f"the light contradicts the places, by {len(off)} of them: {'; '.join(words)}"
 
 
 def in_words(i: int, told: Array, off: Array) -> str:
@@ -84,7 +84,7 @@ def in_words(i: int, told: Array, off: Array) -> str:
         return f"all are off by {name} {mean * size:+.2g} {unit}"
     slope = float(told @ off) / max(float(told @ told), 1e-12)
     if slope**2 * float(told @ told) > ALIKE * squares:
-        return f"{name} is {1 + slope:+.2f} times what is told"
+        return f"{name} is {1 + slope:+.2f} times the given value"
     return f"{name} is off by {np.sqrt(squares / len(off)) * size:.2g} {unit} rms"
 
 
@@ -113,8 +113,8 @@ def common_error(fit: CalibrationFit) -> str:
     if not reason:
         return ""
     return (
-        f"{reason}: check from where they are measured, and by which tape; or the light comes from "
-        "behind the lamp's face, which is fitted where prior.lamp_behind_std_m is, say, 0.1"
+        f"{reason}: check the origin and the tape of the measurement; or the light comes from "
+        "behind the lamp's face, which is fitted with prior.lamp_behind_std_m: 0.1"
     )
 
 

@@ -103,7 +103,7 @@ def read_light(args: argparse.Namespace, scene: Scene, poses_needed: bool = True
         recording, columns = dataclasses.replace(recording, poses_at=course.at), {}
         # A table without times counts its rows, which is no time of a course.
         if not timed:
-            raise ValueError(f"{args.bag}: no column {TIME}, by which --trajectory has its poses")
+            raise ValueError(f"{args.bag}: no column {TIME}, which --trajectory needs")
         poses, rolls = course.at(recording.stamps_ns)
         recording = dataclasses.replace(recording, poses=poses, rolls=rolls)
         told = ~np.isnan(rolls) & ~np.isnan(poses[:, course.parts]).any(axis=1)
@@ -111,9 +111,9 @@ def read_light(args: argparse.Namespace, scene: Scene, poses_needed: bool = True
             span = f"{recording.seconds.min():.3f} to {recording.seconds.max():.3f} s"
             raise ValueError(
                 f"{args.trajectory}: it has no pose at the readings' times, {span}; both clocks "
-                "need one zero, to a second or so"
+                "have to agree within a second or so"
             )
-        recording = recording.only(told, f"images at no time of {args.trajectory.name}")
+        recording = recording.only(told, f"images outside of the times of {args.trajectory.name}")
     return Light(recording, told_of(columns, len(recording.images)).stds, layout, timed)
 
 
@@ -141,7 +141,7 @@ def check_bright(args: argparse.Namespace, recording: Recording) -> None:
     if is_table(args.bag) and (brightest := recording.images.max()) < LEAST_COUNTS:
         raise ValueError(
             f"{args.bag}: the brightest reading is {brightest:g} counts; a scene needs "
-            f"{LEAST_COUNTS:g} at least, so set counts_per_unit, with the scene's noise in these "
+            f"{LEAST_COUNTS:g} at least: set counts_per_unit, and the scene's noise in the same "
             "counts"
         )
 
@@ -164,8 +164,8 @@ def read_known(args: argparse.Namespace, scene: Scene) -> tuple[Light, list[str]
         if lacking[:, i].any() and name not in args.unknown:
             rows = f"{lacking[:, i].sum()} of {len(lacking)} places"
             raise ValueError(
-                f"{name}: not told of {rows}; add a column, or --known {name}=VALUE where it is "
-                f"the same throughout, or --unknown {name} where the light has to tell it"
+                f"{name}: no value for {rows}; add a column, or give --known {name}=VALUE if it is "
+                f"constant, or --unknown {name} if the light determines it"
             )
     return told, [name for name in POSE if name in args.unknown]
 
@@ -203,10 +203,10 @@ def with_starts(light: Light, scene: Scene, parts: Sequence[str]) -> tuple[Light
     kept = np.array([not each.reason for each in found])
     if not kept.any():
         raise ValueError(
-            f"--unknown {', '.join(parts)}: no image tells where it was: {found[0].reason}; make "
-            "the scene's lamp more like yours, or tell more by --known"
+            f"--unknown {', '.join(parts)}: no image gives a pose: {found[0].reason}; make the "
+            "scene's lamp more like yours, or give more parts by --known"
         )
-    why = f"no start of {', '.join(parts)}, such as {next(filter(None, reasons), '')}"
+    why = f"no initial {', '.join(parts)}, for example: {next(filter(None, reasons), '')}"
     recording = dataclasses.replace(recording, poses=poses).only(kept, why)
     return light._replace(recording=recording, stds=stds[kept]), starts[kept]
 

@@ -1,17 +1,18 @@
 """``uuv_array advise``: name the cheapest setting for a rate and an accuracy.
 
-Choose array, size of the table and method of the estimator: fewest detectors, then the smallest
-table, then the least time. A rate is met if the 99th percentile of a frame's time fits its period,
-an accuracy by RMS errors of random poses 4 to 8 m behind the lamp; 99 % of frames must get a pose.
+Choose array, size of the table and method of the estimator: the fewest detectors, then the smallest
+table, then the least time. A setting meets the rate if the 99th percentile of its time per frame is
+within the period, and the accuracy if the RMS errors of random poses 4 to 8 m behind the lamp are;
+99 % of the frames must get a pose.
 
-It reads the measurements of `uuv_array study tradeoff` in this scene on this machine, from
-SCENE.tradeoff here or the folder that --output names. If there are none it makes those of the quick
-mode, and keeps them in the user's cache. Exit code 1 means that no setting meets the need.
+The command reads the measurements of `uuv_array study tradeoff` in this scene on this machine, from
+SCENE.tradeoff here or the folder of --output. If there are none, it makes those of the quick mode,
+and keeps them in the user's cache. Exit code 1 means that no setting meets the need.
 
   uuv_array advise --rate 10                                the paper's 0.2 m and 10 deg
   uuv_array advise --rate 100 --position 0.1 --angle 2      faster and better
   uuv_array advise --rate 5 --scene sea.yaml --json         your own scene, as one JSON object
-Ctrl-C while it measures ends that, and it chooses from what there is.
+Ctrl-C ends the measurement, and the command chooses from what there is.
 """
 
 import argparse

@@ -1,15 +1,16 @@
-"""``uuv_array budget``: from lamp, water, photodiode and amplifier to counts, noise and reach.
+"""``uuv_array budget``: compute counts, noise and reach from lamp, water and electronics.
 
-From the lamp's watts and the data sheets of photodiode, amplifier and converter to the counts, the
-noise and the reach of a scene, by the light and noise of every other command. It prints the keys of
-a scene file, the lamp's risk group, and what errors of building cost. --reach finds the watts.
+Compute counts, noise and reach of a scene from the lamp's watts and the data sheets of photodiode,
+amplifier and converter, by the same models of light and noise as all commands. The output also has
+the keys for a scene file, the lamp's risk group for eyes, and the errors of a pose that building
+tolerances cause. With --reach, the least watts for a reach are found.
 
   uuv_array budget                                     the instrument of the guide
   uuv_array budget --scene harbour --set lamp_w=2      in another water, with a brighter lamp
   uuv_array budget --reach 8                           the least watts that reach 8 m
   uuv_array budget --set daylight_w_per_m2=1 --set filter=0.7    by day, behind a filter
-The reach is where the Cramer-Rao bound of one image keeps within the specification of Eren et al.
-(2016), 0.2 m and 10 deg, as `uuv_array limits` has it, with the scene's prior.
+The reach is the span of ranges at which the Cramer-Rao bound of one image, as of `uuv_array limits`
+with the scene's prior, is within the specification of Eren et al. (2016), 0.2 m and 10 deg.
 """
 
 import argparse

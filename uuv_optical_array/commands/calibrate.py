@@ -1,32 +1,32 @@
 """``uuv_array calibrate``: fit lamp, water, background and gains to a recorded bag.
 
-Fit lamp (power and beam width; of several lamps the power, place and axis of each), water
-(absorption and scattering, or K), array (response, radius of the sphere, gains), aim of lamp and
-array, and background, which demodulation removes, to a recorded bag, and write the scene. Poses are
-known from both odometries, or from tables: of places measured on a rail, or of poses by time. How
-far the clock of odometries or poses is off that of the images is fitted. In place of a bag a table
-of readings of any detectors will do. Each value is printed with its standard error. What is not
-determined keeps its value and is named, with what to record for it. Images tell the product of
-power and gains alone, so the geometric mean of the gains is 1; that of several lamps' powers stays.
-The shape of a beam of several Gaussians is fitted, too, and that of one Gaussian if
-``prior.beam_shape_std`` is given; so are ``lamp.behind_m`` and the floors of modulated lamps if
-``prior.lamp_behind_std_m``, ``lamp_floor_std_counts`` or ``lamps_floor_std_counts`` is. Where
-residuals show that model or beam are wrong, or where a value ends at its bound, no scene is
-written; the exit code is 1.
+Fit the scene to a recorded bag, and write it. Fitted are the lamp (power and beam width; of several
+lamps the power, place and axis of each), the water (absorption and scattering, or K), the array
+(response, radius of the sphere, gains), the aim of lamp and array, and the background, except with
+demodulation. Poses are known from both odometries, or from a table of places measured on a rail or
+of poses by time. The offset between their clock and that of the images is fitted, too. A table of
+readings, of any detectors, can replace the bag. Each value is printed with its standard error. A
+value that the images do not determine stays as it is and is named, with what to record for it.
+Images determine only the product of power and gains: the geometric mean of the gains is set to 1,
+and that of several lamps' powers is kept. The shape of a beam of several Gaussians is fitted, too,
+and that of one Gaussian if ``prior.beam_shape_std`` is given; so are ``lamp.behind_m`` and the
+floors of modulated lamps if ``prior.lamp_behind_std_m``, ``lamp_floor_std_counts`` or
+``lamps_floor_std_counts`` is. If the residuals show that model or beam are wrong, or if a value
+ends at its bound, no scene is written, and the exit code is 1.
 
   ros2 bag record -o sea /array/image /leader/odometry /follower/odometry
   uuv_array calibrate sea --scene follow -o sea.yaml --picture residuals.png
   uuv_array calibrate sea --set image_topic=/bow/array/image --set beacon_position_m=-0.7,0,0.2
   uuv_array calibrate sea --set position_std_m=0.02 --set attitude_std_deg=0.5
-  uuv_array calibrate sea --noise                  fit the noise too, and what of it is relative
+  uuv_array calibrate sea --noise                  fit both parts of the noise, too
   uuv_array calibrate tank --places places.csv     measured places instead of odometry
   uuv_array calibrate rail.csv --detectors one.csv --known z_m=0      one detector on a rail, as a
                                                    table; its other columns are known, too
   uuv_array calibrate sea.csv --trajectory mocap.csv   readings, and poses by time
 The table of places has the columns image (from 0 on) or time_s (after the first image); x_m, y_m,
 z_m, pitch_deg, yaw_deg of base_link in beacon; x_std_m, y_std_m, z_std_m, pitch_std_deg,
-yaw_std_deg; and perhaps last_image or until_s, whose images share a place and its error, and
-roll_deg. docs/tutorials/own_light.md tells of the other tables.
+yaw_std_deg; and perhaps roll_deg, and last_image or until_s: the images up to there share the place
+and its error. docs/tutorials/own_light.md describes the other tables.
 Needs rosbags and mcap (pip install rosbags mcap), but no ROS.
 """
 
@@ -74,13 +74,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     about = "CSV of measured places and errors, in place of odometries and their errors"
     parser.add_argument("--places", type=Path, metavar="TABLE", help=about)
     light.add_tables(parser)
-    about = "column of poses, or of their errors, that has this value throughout; may be repeated"
+    about = "constant value of a part of the poses, or of its error; may be repeated"
     known: dict[str, Any] = {"action": "append", "default": [], "type": light.known_column}
     parser.add_argument("--known", help=about, metavar="NAME=VALUE", **known)
-    about = "part of the poses that the light has to tell; may be repeated"
+    about = "part of the poses that is estimated from the light; may be repeated"
     open_parts: dict[str, Any] = {"action": "append", "default": [], "choices": POSE}
     parser.add_argument("--unknown", help=about, metavar="NAME", **open_parts)
-    about = "parameter that keeps the scene's value, by its printed name, or gains; "
+    about = "parameter, by its printed name, or gains, that keeps the scene's value; "
     words: dict[str, Any] = {"action": "append", "default": [], "metavar": "NAME"}
     parser.add_argument("--hold", help=about + "may be repeated", **words)
     about = "fit both parts of sensor_noise, too"
@@ -99,11 +99,12 @@ def run(args: argparse.Namespace) -> int:
     table = args.places and files.user_path(args.places)
     if table is not None and stds.any():
         raise options.OptionError(
-            f"--set {next(iter(STDS))}: the table of --places says it; leave one out"
+            f"--set {next(name for name in STDS if settings[name])}: the table of --places has "
+            "these errors; leave one of both out"
         )
     if table is not None and (args.known or args.unknown or args.trajectory):
         raise options.OptionError(
-            "--places: its table tells whole poses; leave out --known, --unknown and --trajectory"
+            "--places: its table has complete poses; leave out --known, --unknown and --trajectory"
         )
     path, text = files.user_path(args.bag), own_text(args.scene)
     output = outputs.file_to_write(args.output, "--output", outputs.SCENE)

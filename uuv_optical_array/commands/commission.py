@@ -1,13 +1,13 @@
 """``uuv_array commission``: find an array's wiring with a torch, and test it with the lamp.
 
-Find which reading is which detector, and write it into the scene as array.wiring, in place of any
-that is there; every node reorders its images by it. Move a torch in front of the array, as the
-command tells you: from port to starboard, then from top to bottom. It finds any wiring, mirrored,
-turned or scrambled; a mirrored array gives false poses that no software can detect. An array that
+Find which reading belongs to which detector, and write the scene with this order as array.wiring,
+by which every node reorders its images. Move a torch in front of the array, as the command tells
+you: from port to starboard, then from top to bottom. The command finds any wiring, mirrored, turned
+or scrambled; a mirrored array gives false poses that no software can detect. An array that
 demodulates sees no torch: move one of the lamps in its place. --lamp adds the acceptance test
-before the first dive, with the lamp, or all lamps, at a known range: detectors and the whole pass
-or fail by noise, level in the dark and light, with what to do, and the pose that is seen stands
-beside the one that was told. The exit code is 1 if anything fails.
+before the first dive, with the lamp, or all lamps, at a known range. It tests noise, dark level and
+light of the detectors and of the whole array, prints what to do about a failure, and prints the
+estimated pose beside the given one. The exit code is 1 if anything fails.
 
   uuv_array commission --scene sea.yaml -o sea.yaml     listens to array/image
   uuv_array commission --set image_topic=/bow/array/image
@@ -15,9 +15,9 @@ beside the one that was told. The exit code is 1 if anything fails.
   uuv_array commission --lamp 4 --in-air                the acceptance test on deck, lamp at 4 m
 Keep the array in the dark or in steady light, and leave 1 s without the torch before (10 s with
 --lamp), between and after the sweeps and at least 3 images for each column. An array on a serial
-line needs the node that publishes its images. What is not seen is told every 15 s; after 10 minutes
-without it, or at Ctrl-C, the command ends and writes nothing. examples/serial_array_emulator.py
-has a torch and a lamp to rehearse with.
+line needs the node that publishes its images. Every 15 s the command prints what it has not seen
+yet; after 10 minutes without progress, or at Ctrl-C, it ends and writes nothing. To rehearse, use
+the torch and the lamp of examples/serial_array_emulator.py.
 """
 
 import argparse
@@ -39,7 +39,7 @@ from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
 
 MODULATED = "the array sees modulated light only: move one of the lamps, lit, in place of the torch"
-AHEAD = "then test with the lamp so far ahead of base_link: the acceptance test"
+AHEAD = "then do the acceptance test, with the lamp so far ahead of base_link"
 LAMP = Quantity(AHEAD, "m", 0.3, 100)
 TELL_S, PATIENCE_S = 15.0, 600.0  # without anything new: until it is told, and until the end
 
@@ -87,7 +87,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_scene(parser, "follow")
     bag.add_bag(parser, {"image_topic": bag.READING["image_topic"]}, "listen to the topic")
     options.add_number(parser, "lamp", LAMP, None, float)
-    about = "on deck: without water, a wider beam"
+    about = "test on deck: without water, and with the wider beam in air"
     parser.add_argument("--in-air", action="store_true", help=about)
     outputs.add_scene_file(parser, "commissioned.yaml")
 
@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
         if sweeps.missing:
             text = f"nothing was written; not seen: {sweeps.missing}"
             if watch.over:
-                raise ValueError(f"{topic}: {PATIENCE_S:g} s without anything new: {text}")
+                raise ValueError(f"{topic}: no progress for {PATIENCE_S:g} s: {text}")
             print(f"interrupted: {text}")
             return options.INTERRUPTED
     else:
@@ -150,9 +150,9 @@ def report(test: Acceptance, side: int, range_m: float) -> int:
     for (row, column), text in sorted(detectors.items()):
         print(f"detector [{row}, {column}] fails: {text}")
     for text in whole:
-        print(f"the whole fails: {text}")
+        print(f"the array as a whole fails: {text}")
     failed = len(detectors) + len(whole)
-    faults = "1 fault: mend it" if failed == 1 else f"{failed} faults: mend them"
+    faults = "1 fault: repair it" if failed == 1 else f"{failed} faults: repair them"
     verdict = f"{faults}, and test again" if failed else "passed"
     print(f"acceptance test: {verdict}")
     return int(failed > 0)

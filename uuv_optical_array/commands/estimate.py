@@ -1,10 +1,11 @@
 """``uuv_array estimate``: estimate the poses of a recorded bag.
 
-Estimate every image as feature and estimator node would, with any scene and method and a roll of
-0, on all cores (`taskset` allows fewer). Writes a folder: frames.csv (a line for each image), bag
-(MCAP, with relative_pose), relative_pose.tum and, where the bag has both odometries, truth.tum.
---track also filters the frames in their order, with the follower's commands if the bag has any
-(relative_odometry). It reads a folder without metadata.yaml, and whole messages of truncated MCAP.
+Estimate a pose from every image as feature and estimator node would, with any scene and method and
+a roll of 0, on all cores (`taskset` allows fewer). The command writes a folder: frames.csv (a line
+for each image), bag (MCAP, with relative_pose), relative_pose.tum and, if the bag has both
+odometries, truth.tum. --track also filters the frames in their order, with the follower's commands
+if the bag has any, and adds relative_odometry. Bags without metadata.yaml are read, and so are the
+complete messages of a truncated MCAP file.
 
   uuv_array estimate sea                                by the default scene, into sea_estimates
   uuv_array estimate sea --scene sea.yaml -o again      by another scene
@@ -13,10 +14,10 @@ Estimate every image as feature and estimator node would, with any scene and met
   uuv_array estimate dive.csv --detectors detectors.csv --known z_m --known pitch_deg=0
                                                         readings of any detectors, as a table
 A table of readings has a column for each detector (NAME, or NAME.0, NAME.1 ... by lamp), and
-perhaps time_s. What --known names of x_m, y_m, z_m, pitch_deg, yaw_deg, roll_deg is taken as known,
-from its column or as given, with the error that --known x_std_m=0.1 gives, or exactly; other parts
-are found, and compared with their columns. Ctrl-C writes what there is. Needs rosbags and mcap (pip
-install rosbags mcap), but no ROS.
+perhaps time_s. --known takes x_m, y_m, z_m, pitch_deg, yaw_deg or roll_deg as known, from its
+column or from the given value: exactly, or with the error of --known x_std_m=0.1. The other parts
+are estimated, and compared with their columns. Ctrl-C writes what there is. Needs rosbags and mcap
+(pip install rosbags mcap), but no ROS.
 """
 
 import argparse
@@ -61,7 +62,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     filtered = "filter the frames, and learn the constants"
     parser.add_argument("--track", action="store_true", help=filtered)
     light.add_tables(parser)
-    about = "part of the poses that is known, in its column or as given; may be repeated"
+    about = "known part of the poses, by its column or the given value; may be repeated"
     known: dict[str, Any] = {"action": "append", "default": [], "type": light.known_column}
     parser.add_argument("--known", help=about, metavar="NAME[=VALUE]", **known)
     outputs.add_folder(parser, "folder to make (default: that of the bag with _estimates)")
@@ -81,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     by_layout = told.layout is not None or bool(args.known)
     if by_layout and (args.track or args.method != EstimatorSettings.method):
         raise options.OptionError(
-            "--track, --method: of the scene's array alone; leave them out with --detectors and "
+            "--track, --method: for the scene's array alone; leave them out with --detectors and "
             "--known"
         )
     tracking = TrackerSettings() if args.track else None
@@ -123,7 +124,7 @@ def _by_layout(
     for i in parts:
         if missing := int(np.isnan(given[:, i]).sum()):
             raise ValueError(
-                f"--known {POSE[i]}: not told of {missing} of {len(given)} images; fill its "
+                f"--known {POSE[i]}: no value for {missing} of {len(given)} images; fill its "
                 f"column, or give {POSE[i]}=VALUE"
             )
     fit = PoseFit(told.layout or layout_of(scene, of_scene(scene)), EstimatorSettings.max_misfit)

@@ -1,17 +1,17 @@
 """``uuv_array follow``: let a follower follow a leader by light, and draw it.
 
-A leader waits until its follower sees it and, once on a machine, until the fit is compiled; then it
-runs straight, turns, and changes depth, and the follower keeps station behind it by the light of
-the leader's lamp alone. Simulator, feature, estimator, formation and vehicles node run in this one
-process, on real ROS 2 topics, with the parameters of follow.launch.py; who publishes leader/cmd_vel
-drives the leader. The sea is drawn from the scene's prior: it differs from what the estimator
-believes as much as a sea may, and what differs is printed. At the end a summary is printed and a
-picture is written. Several followers swim in a V, each with nodes of its own in a namespace, as in
-formation.launch.py, by default in the scene formation.
+A leader waits until its follower sees it and, once on a machine, until the fit is compiled. Then it
+runs straight, turns and changes depth, and the follower keeps station behind it by the light of the
+leader's lamp alone. Simulator, feature, estimator, formation and vehicles node run in this one
+process, on real ROS 2 topics, with the parameters of follow.launch.py. Messages on leader/cmd_vel
+drive the leader. The true sea is drawn from the scene's prior, and its differences from the scene
+are printed. At the end the command prints a summary and writes a picture. Several followers swim in
+a V, each with its own nodes in a namespace, as in formation.launch.py, by default in the scene
+formation.
 
   uuv_array follow                          60 s of the default scene
   uuv_array follow --seed 1                 with the same sea and noise each time
-  uuv_array follow --exact-sea              in the sea that the scene describes, exactly
+  uuv_array follow --exact-sea              in exactly the sea that the scene describes
   uuv_array follow --leader-path zigzag     another path of the leader, or one of your own (CSV)
   uuv_array follow --scene sea.yaml         your own lamp, water and array
   uuv_array follow --record run             a bag for uuv_array estimate; needs the extra `bags`
@@ -45,7 +45,7 @@ from uuv_optical_array.recording.bag import BagWriter
 
 DURATION = Quantity("from the leader's start", "s", 1e-3, 1e6)
 SEED = Quantity(
-    "seed of sea and noise (default: the parameter file's, a new one)", "", -1, 2**31 - 1
+    "seed of sea and noise (default: the parameter file's, by default a new one)", "", -1, 2**31 - 1
 )
 
 
@@ -56,10 +56,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--leader-path", metavar="PATH", help=about)
     options.add_number(parser, "duration", DURATION, 60.0)
     options.add_number(parser, "seed", SEED, None, int)
-    about = "the sea is the scene's, in place of one drawn from its prior"
+    about = "the sea is exactly the scene's, not drawn from its prior"
     parser.add_argument("--exact-sea", action="store_true", help=about)
     options.add_number(parser, "followers", Quantity("how many followers", "", 1, MOST), 1)
-    unchained = "the leader lights all, at most three"
+    unchained = "the leader's lamp lights all followers, at most three"
     parser.add_argument("--no-chain", action="store_true", help=unchained)
     about = "ROS parameters; others keep their default (default: none)"
     parser.add_argument("--params-file", type=Path, metavar="FILE", help=about)

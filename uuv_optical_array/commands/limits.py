@@ -1,9 +1,9 @@
-"""``uuv_array limits``: show how well one image can fix the pose.
+"""``uuv_array limits``: show how accurately one image can determine the pose.
 
-The Cramer-Rao bound of a scene: the smallest standard deviation that any unbiased estimator can
-reach from one image, given array, lamp, water and noise. It is printed for one pose, and drawn over
-the working volume for a planar and for a curved array. What the scene's `prior` leaves uncertain,
-such as the lamp's power, is estimated along with the pose and raises the bound.
+Compute the Cramer-Rao bound of a scene: the smallest standard deviation that any unbiased estimator
+can reach from one image, given array, lamp, water and noise. The bound is printed for one pose, and
+drawn over the working volume for a planar and for a curved array. What the scene's `prior` leaves
+uncertain, such as the lamp's power, is estimated along with the pose and raises the bound.
 
   uuv_array limits                           6 m behind the lamp, in the default scene
   uuv_array limits --pose -8 0.5 0 0 10      8 m behind and 0.5 m to port, bow 10 deg to port

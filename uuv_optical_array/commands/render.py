@@ -2,7 +2,7 @@
 
 Draw what the array reads in a scene: images from 4 to 8 m behind the lamp, aligned, shifted to
 port, turned to port and pitched down; below them the profiles through the peak and their gradients,
-from which the key parameters are taken. Each image has noise of its own.
+from which the key parameters are taken. Each image has its own noise.
 
   uuv_array render                               the default scene, into render.png
   uuv_array render --scene harbour --output harbour.png

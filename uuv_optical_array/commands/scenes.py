@@ -1,4 +1,4 @@
-"""``uuv_array scenes``: list ready scenes, or explain one or a key.
+"""``uuv_array scenes``: list ready scenes, or explain a scene or a key.
 
 List the ready scenes with their key figures, or explain one name. For a scene, ready or a file, it
 prints all settings, including those of the scenes that it extends, as a file that can be used. For
@@ -7,14 +7,14 @@ a group, an effect or a key it prints unit, bounds, default and source.
   uuv_array scenes                        all ready scenes
   uuv_array scenes coastal > sea.yaml     all its settings
   uuv_array scenes plume                  an effect; lamp: a group; seed: all keys of that name
-  uuv_array scenes effects                every effect in a line
+  uuv_array scenes effects                every effect, one line each
   uuv_array scenes sea.yaml --output beam.png  its beam beside the photometric file that it names
   uuv_array scenes schema > scene.schema.json
 An editor with a YAML language server completes and checks a scene by the schema, if a line of it
 says: # yaml-language-server: $schema=scene.schema.json
 The reach is the span of ranges, within 0.5 to 25 m, at which the Cramer-Rao bound of one image of
 the aligned array is at most 0.2 m and 10 deg, with all that the scene's prior leaves uncertain.
-Beyond it a pose errs by more, and its covariance says so, as far as the table of the scene.
+Beyond the reach, as far as the scene's table, errors are larger, and so are the covariances.
 """
 
 import argparse

@@ -1,17 +1,17 @@
 """``uuv_array table``: write the signature table of a scene.
 
-Write the five key parameters, free of noise, of every pose on the grid that the scene's `table`
-names. Estimators build this in memory, within a few seconds for the default scene. Write a table
-whose grid is too fine for that, and name its folder in the parameter `table` of estimator_node,
+Write the five key parameters, without noise, of every pose on the grid of the scene's `table`.
+Estimators build this table in memory, within a few seconds for the default scene. If the grid is
+too fine for that, write the table, and name its folder in the parameter `table` of estimator_node,
 which refuses a folder that is damaged or of another scene.
 
 The table is a Zarr array, which Dask fills block by block, on threads of this machine or on a
-cluster; this needs the extra `cluster`. After an interruption the same command goes on.
+cluster; this needs the extra `cluster`. After an interruption, repeat the command to continue.
 
   uuv_array table                              the default scene, into follow.zarr/
   uuv_array table --scene sea.yaml -o /data/t  your own scene, into a folder of your choice
   uuv_array table --scene sea.yaml -o /shared/sea.zarr --workers tcp://10.0.0.1:8786
-                                               on a cluster, into a folder that all of it sees
+                                               on a cluster, into a folder that all its machines see
 """
 
 import argparse
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         rows = build_large_table(output, scene, scheduler, threads, over)
     except KeyboardInterrupt:
-        print(f"interrupted: the same command goes on from what is in {output}")
+        print(f"interrupted: the same command continues what is in {output}")
         return options.INTERRUPTED
     size_mb = sum(file.stat().st_size for file in output.iterdir()) / 1e6
     poses = tables.grid_rows(tables.grid_axes(scene.table))

@@ -1,10 +1,11 @@
 """``uuv_array view``: watch a follow in the browser.
 
-Serve a page that shows leader, follower, beam and array in 3-D, the true and the estimated pose
-with its three sigma, the array's image, the light, and the errors over time. Without a bag a
-follower follows a leader in a simulation, in real time; sliders change sea, lamp and station, and
-the estimator is not told. With a bag, its images are estimated as by `uuv_array estimate --track`,
-and a time line moves through them. view_node serves such a page for live ROS topics.
+Serve a page that shows leader, follower, beam and array in 3-D, the true pose, the estimated one
+with its three sigma, the array's image, its brightest reading, and the errors over time. Without a
+bag a follower follows a leader in a simulation, in real time. Sliders change sea, lamp and station,
+of which the estimator is not told. With a bag, the poses of its images are estimated as by
+`uuv_array estimate --track`, and a time line chooses the moment. view_node serves such a page for
+live ROS topics.
 
   uuv_array view                            open the address that it prints
   uuv_array view --scene night_plume        in another sea
@@ -12,7 +13,7 @@ and a time line moves through them. view_node serves such a page for live ROS to
   uuv_array view --address 0.0.0.0:8080     for browsers on other machines, too
   uuv_array view --screenshot view.png      a picture by a Chromium; no window opens
 Ctrl-C ends it with exit code 130. Needs viser (pip install viser), but no ROS. Whoever has the
-address that it prints can operate it: keep its last part, which is new each time, to yourself.
+printed address can operate the page: keep its last part, which is new each time, secret.
 """
 
 import argparse
@@ -39,7 +40,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_method(parser)
     options.add_number(parser, "seed", SEED, None, int)
     here = f"(default: {LOOPBACK}:{PORT}, this machine alone)"
-    served = f"where the page is served, or at the next port that is free {here}"
+    served = f"where the page is served; a port in use gives the next free one {here}"
     parser.add_argument("--address", type=address, default="", metavar="HOST:PORT", help=served)
     about = f"write a picture after {SCREENSHOT_S:g} s, and end"
     parser.add_argument("--screenshot", type=Path, metavar="PNG", help=about)

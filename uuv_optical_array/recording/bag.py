@@ -70,7 +70,7 @@ class Bag:
             yield time, channel, message
         for channel in channels:
             if missing := max(self._expected[channel] - read[channel], 0):
-                self.lost[f"{channel.topic}: counted, but in no file"] += missing
+                self.lost[f"{channel.topic}: counted in metadata.yaml, but in no file"] += missing
 
 
 @contextmanager
@@ -101,7 +101,7 @@ def opened(path: Path) -> Iterator[Bag]:
     except Exception as error:  # the storages have types of their own
         words = " ".join(f"{type(error).__name__} {error}".split())
         if database := next((part for part in parts if part.suffix == SQLITE), None):
-            words += f"; what is whole of it: sqlite3 {database} .recover | sqlite3 NEW{SQLITE}"
+            words += f"; to recover the rest: sqlite3 {database} .recover | sqlite3 NEW{SQLITE}"
         raise ValueError(f"bag {path}: not a bag that can be read: {words}") from error
 
 

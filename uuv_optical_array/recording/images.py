@@ -116,7 +116,7 @@ def _check(bag: Bag, name: str, msgtype: str, kind: str) -> None:
     kinds = {channel.kind for channel in bag.counts if channel.topic == name}
     if not kinds:
         known = sorted(f"{channel.topic} ({channel.kind})" for channel in bag.counts)
-        raise ValueError(f"no topic {name}; it holds {', '.join(known) or 'none'}; {cure}")
+        raise ValueError(f"no topic {name}; the bag has {', '.join(known) or 'none'}; {cure}")
     if msgtype not in kinds:
         raise ValueError(f"{name} is {' and '.join(sorted(kinds))}, not {msgtype}; {cure}")
 
@@ -132,7 +132,7 @@ def read_recording(
     leader_topic: Annotated[str, Quantity("of the leader's odometry")] = "leader/odometry",
     follower_topic: Annotated[str, Quantity("of the follower's odometry")] = "follower/odometry",
     commands_topic: Annotated[str, Quantity("of the follower's commands, for a track")] = "cmd_vel",
-    states_topic: Annotated[str, Quantity("of what the follower did, to show")] = "follow_state",
+    states_topic: Annotated[str, Quantity("of the follower's states, to show")] = "follow_state",
     beacon_position_m: Annotated[Place, messages.BEACON_POSITION] = (0.0, 0.0, 0.0),
     odometry_axes: Annotated[Axes, Quantity("of base_link in both odometries")] = "flu",
     max_gap_s: Annotated[float, MAX_GAP] = MAX_GAP_S,
@@ -165,7 +165,7 @@ def read_recording(
                 wanted[name] = msgtype
             streams[name] = _Stream(name)
         if len(streams) < 3:
-            raise ValueError("leader and follower have one topic; name both")
+            raise ValueError("leader and follower have the same topic; name both topics")
         image, leader, follower = streams.values()
         commands = _Stream("/" + commands_topic.strip("/"))
         streams.setdefault(commands.topic, commands)
@@ -208,7 +208,7 @@ def _with_poses(
     if len(leader.frames | follower.frames) > 1:
         raise ValueError(
             f"frames differ: {leader.topic} is in {sorted(leader.frames)}, {follower.topic} in "
-            f"{sorted(follower.frames)}; both must share one"
+            f"{sorted(follower.frames)}; both must be in the same"
         )
     leader_at, follower_at = leader.poses(max_gap_s), follower.poses(max_gap_s)
     images, poses, rolls = [], [], []

@@ -34,7 +34,7 @@ def with_places(recording: Recording, path: Path) -> tuple[Recording, Array, NDA
     for place, (line, row) in enumerate(rows):
         images = _images(row, seconds)
         if not images or chosen.keys() & images:
-            fault = "an image of another line" if images else "no image"
+            fault = "it has an image of another line" if images else "no image"
             held = f"the bag has {len(seconds)} in {seconds[-1]:.1f} s"
             raise ValueError(f"{path}: line {line}: {fault}; {held}")
         chosen |= dict.fromkeys(images, place)
@@ -79,7 +79,7 @@ def _rows(path: Path) -> list[tuple[int, dict[str, float]]]:
         for name, value in row.items():
             if not math.isfinite(value) or (name in STDS and value < 0):
                 raise ValueError(
-                    f"{path}: line {number}: {name}: {value}; give a number, of an error 0 or more"
+                    f"{path}: line {number}: {name}: {value}; give a number; an error is 0 or more"
                 )
         rows.append((number, row))
     if not rows:

@@ -91,7 +91,7 @@ def _in_chunk(chunk: Any, whole: bool = True) -> Iterator[Any]:
     try:
         stream, _ = mcap.get_chunk_data_stream(chunk, validate_crc=whole)
     except mcap.CRCValidationError:
-        raise ValueError("a chunk is not as it was written; copy the bag again") from None
+        raise ValueError("a chunk is damaged; copy the bag again") from None
     with _until_cut():
         yield from mcap.StreamReader(stream, skip_magic=True).records
 

@@ -3,10 +3,10 @@
 Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks
 above 20 counts, and compare the errors with the Cramer-Rao bound of one image and with the
 covariances of the estimates. --known draws seas from each of the priors exactly, calibrated and
-as_bought, and tells how much better the bound is where one more setting is known. --lamps places
-and tilts one to four lamps as the scene's are, in a known sea, in one drawn from the prior, and in
-that one behind a cloud, which shades every image unevenly by 20 %; the estimator then holds half of
-the images for shaded. docs/results/accuracy.md explains every figure.
+as_bought, and prints how much the bound falls if one more setting is known. --lamps places and
+tilts one to four lamps as the scene's are, in a known sea, in one drawn from the prior, and in the
+drawn one behind a cloud, which shades every image unevenly by 20 %; the estimator then expects half
+of the images to be shaded. docs/results/accuracy.md explains every figure.
 
   uuv_array study accuracy                           20,000 poses of the reference scene
   uuv_array study accuracy --scene follow --json     the default scene, as one JSON object
@@ -274,7 +274,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(poses=None)
     options.add_seed(parser)
     for name, what in (
-        ("known", "the priors of a sea known well and less well"),
+        ("known", "the priors exactly, calibrated and as_bought"),
         ("lamps", "one to four lamps of the scene's total power"),
     ):
         about = f"compare {what}, and draw the errors into FILE (default: %(const)s)"

@@ -1,18 +1,19 @@
-"""``uuv_array study design``: sweep array and lamp, and say which design to build.
+"""``uuv_array study design``: compare designs of array and lamp, and print the best ones.
 
 Sweep the array (shape, detectors, size, radius of curvature), the width of the lamp's beam and, in
 a scene with `lamps`, their number, distance from the centre and tilt. Each design is scored by the
-criteria of Eren et al. (2016), whether the signature tells 0.2 m and 10 deg apart 4 to 8 m behind
-the lamp and how many detectors that takes, and by the Cramer-Rao bound over the working volume.
+criteria of Eren et al. (2016), whether the signature resolves 0.2 m and 10 deg 4 to 8 m behind the
+lamp and how many detectors that takes, and by the Cramer-Rao bound over the working volume.
 Pareto-optimal designs are printed. Scores go into a picture and a CSV, from which a sweep resumes.
 
   uuv_array study design                             the default scene, into follow.design.csv
   uuv_array study design --sweep width_m=0.3,0.4 detectors_per_side=5,7    some of it
   uuv_array study design --take 2                    all of it, and design 2 as a scene file
   uuv_array study design --scene leading_lights --sweep lamps=1,3 spread_m=0.2,0.4 tilt_deg=0,3
-fronts: `fits` is of arrays no wider than the scene's, `resolved` of those of them that meet the
-criterion at 4 m, `any` of all. A design is left out if another one has no more detectors and bounds
-that are no more than 10 % larger. Ctrl-C ends it early and draws what there is.
+The Pareto front `fits` is that of arrays no wider than the scene's, `resolved` that of those among
+them that meet the criterion at 4 m, `any` that of all arrays. A design is left out if another one
+has no more detectors and bounds that are no more than 10 % larger. Ctrl-C ends it early and draws
+what there is.
 """
 
 import argparse

@@ -1,13 +1,13 @@
-"""``uuv_array study envelope``: measure when a follower keeps its leader, and when it loses it.
+"""``uuv_array study envelope``: measure in which trouble a follower keeps or loses its leader.
 
-Run the closed loop of vehicles, sea, lamp, array, estimator, track and law in one kind of trouble
-after the other: lamps and water that change, clouds, darkness, leaders that turn, stop or dash,
-currents, starts off the station, other lamps, formations. A run is kept where the follower was
-never farther than 1 m off its station since the trouble began. It is lost where in the end, though
-the lamp shines, the follower searches or is farther off than half the station's distance to the
-lamp, or where false poses steer it. All else strayed. A frame is false where its track is off by
-more than six of its own standard deviations. Silent are runs that false poses steer in the end
-while the state does not say that the lamp may be another one.
+Run the closed loop of vehicles, sea, lamp, array, estimator, track and control law in one kind of
+trouble after the other: lamps and water that change, clouds, darkness, leaders that turn, stop or
+dash, currents, starts off the station, other lamps, formations. A run is kept where the follower
+was never farther than 1 m off its station since the trouble began. It is lost where in the end,
+though the lamp shines, the follower searches or is farther off than half the station's distance to
+the lamp, or where false poses steer it. All other runs strayed. A frame is false where its track is
+off by more than six of its own standard deviations. A run is silent if false poses steer it in the
+end and the state does not say that the lamp may be another one.
 
   uuv_array study envelope                                      every kind, ten seeds each
   uuv_array study envelope --kinds darkness,turn_20 --seeds 3   a group and a kind

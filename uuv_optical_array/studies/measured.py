@@ -1,16 +1,17 @@
-"""``uuv_array study measured``: try the package on light that was measured.
+"""``uuv_array study measured``: test the package with measured light.
 
-Read a folder of measured light, with those in it: photometric files of lamps (.ies, .ldt), and
-places_rss.csv, of places in a room with what a photodiode there read of four lamps, with the
-columns run, x and y in m, and four readings. Beams are compared with the sums of Gaussians that
-scenes have, and shone as they were measured on an array that is calibrated and estimates poses.
-Lamps of the room are calibrated by one run, and places of others are estimated, and poses of a
-virtual array whose readings are interpolated.
+Read a folder with photometric files of lamps (.ies, .ldt), or with places_rss.csv, or both. The
+latter has the readings of a photodiode at places in a room with four lamps: columns run, x and y in
+m, and four readings. Measured beams are compared with the sums of Gaussians that scenes have, and
+light a simulated array that is calibrated and estimates poses. The lamps of the room are calibrated
+by one run; then places of the other runs are estimated, and poses of a virtual array whose readings
+are interpolated.
 
-  uuv_array study measured light              the folder of both
+  uuv_array study measured light              the folder `light`
   uuv_array study measured light --poses 1000   more poses behind each lamp
   uuv_array study measured light --json       one JSON object
-The package has no such files; docs/results/measured.md says where those of its figures are from.
+The package has no such files; docs/results/measured.md names the sources of those behind its
+figures.
 """
 
 import argparse
@@ -30,7 +31,7 @@ POSES = 200
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="of measured light")
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="folder of measured light")
     options.add_number(parser, "poses", Quantity("poses behind each lamp", "", 1, 1e6), POSES)
     options.add_seed(parser)
     options.add_json(parser)
@@ -40,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the study and print it."""
     folder = files.user_path(args.folder)
     if not folder.is_dir():
-        raise options.OptionError(f"FOLDER {folder}: there is none; name one of measured light")
+        raise options.OptionError(f"FOLDER {folder}: no such folder; name one of measured light")
     lamps, rooms = files_in(folder), sorted(folder.rglob(FILE))
     if not lamps and not rooms:
         raise options.OptionError(

@@ -1,9 +1,10 @@
-"""``uuv_array study robustness``: measure estimates where the sea is not the scene.
+"""``uuv_array study robustness``: measure estimates in a sea that differs from the scene.
 
-Estimate poses from images of a sea that differs from the scene, kind of mismatch by kind: another
-lamp, other water, daylight, broken detectors, shade, no lamp at all. The estimator assumes the
-scene. It should answer what its prior covers, with a true covariance, and refuse the rest; an
-answer off by more than six of its sigmas is false. docs/reference/mismatches.md has the cures.
+Estimate poses from images of a sea that differs from the scene, by one kind of mismatch at a time:
+another lamp, other water, daylight, broken detectors, shade, no lamp at all. The estimator assumes
+the scene. It should answer images that its prior covers, with a consistent covariance, and refuse
+the others; a pose that is off by more than six of its own standard deviations is false.
+docs/reference/mismatches.md has the cures.
 
   uuv_array study robustness                               every kind, in the default scene
   uuv_array study robustness --method sam                  the paper's method

@@ -1,10 +1,11 @@
-"""``uuv_array study transport``: compare the law of the sea, and poses by it, with photons.
+"""``uuv_array study transport``: compare the law of light in the sea with traced photons.
 
-Hold the scenes' law of the sea to photons, which benchmarks/trace_photons.py followed scattering by
-scattering, without the law, into config/flux/. Images of clear, coastal and harbour water (Petzold
-1972) and of lamps of 4, 8 and 16 deg are compared with the law, with the true coefficients of the
-water and with fitted ones. Then poses are estimated from photon images by the default scene, by the
-ready scene of that water, and by a scene that was calibrated on a drive through it.
+Compare the scenes' law of light in the sea with photons that benchmarks/trace_photons.py traced
+scattering by scattering, without that law (config/flux/). Images of clear, coastal and harbour
+water (Petzold 1972) and of lamps of 4, 8 and 16 deg are compared with the law, with the true
+coefficients of the water and with fitted ones. Then poses are estimated from photon images by the
+default scene, by the ready scene of that water, and by a scene that was calibrated on a drive
+through it.
 
   uuv_array study transport                       the law, poses, and a picture of the beam
   uuv_array study transport --poses 1000 --json   one JSON object

@@ -117,11 +117,15 @@ def test_times_find_the_nearest_image_or_all_of_a_span(tmp_path):
         (f"image,colour,{HEAD}", ["0"], "columns image, colour, x_m"),
         (f"image,until_s,{HEAD}", ["0"], "perhaps last_image and roll_deg"),
         (f"image,{HEAD}", ["0,far,0,0,0,0,1,1,1,1,1"], "line 2: could not convert .*'far'"),
-        (f"image,{HEAD}", ["0,0,0,0,0,0,1,1,-1,1,1"], "line 2: z_std_m: -1.0; give a number; an error"),
+        (f"image,{HEAD}", ["0,0,0,0,0,0,1,1,-1,1,1"], "line 2: z_std_m: -1.0; give a number;"),
         (f"image,{HEAD}", ["0,0,0,0,0,nan,1,1,1,1,1"], "line 2: yaw_deg: nan"),
         (f"image,{HEAD}", ["0,0,0"], "line 2: 3 cells; give 11"),
-        (f"image,{HEAD}", ["9,0,0,0,0,0,1,1,1,1,1"], "line 2: no image; the bag has 5 in 4.0 s"),
-        (f"time_s,{HEAD}", ["9,0,0,0,0,0,1,1,1,1,1"], "line 2: no image"),
+        (
+            f"image,{HEAD}",
+            ["9,0,0,0,0,0,1,1,1,1,1"],
+            "line 2: it has no image; the bag has 5 in 4.0 s",
+        ),
+        (f"time_s,{HEAD}", ["9,0,0,0,0,0,1,1,1,1,1"], "line 2: it has no image"),
         (f"image,{HEAD}", ["1,0,0,0,0,0,1,1,1,1,1"] * 2, "line 3: it has an image of another line"),
     ],
 )

@@ -125,7 +125,7 @@ class Acceptance(TorchSweeps):
         ):
             whole.append(PEDESTAL.format(*darkness))
         if steps.max() > 2.5 * np.median(steps):
-            whole.append(f"a gap of {steps.max() * 1e-9:.2g} s between images: line or load")
+            whole.append(f"a gap of {steps.max() * 1e-9:.2g} s between images: check line and load")
         light = lamp.mean(axis=0) - level
         if dim := [k for k, each in enumerate(light) if each.max() < self._visible]:
             names = ", ".join(f"lamps[{k}]" for k in dim)

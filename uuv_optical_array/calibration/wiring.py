@@ -23,10 +23,11 @@ MIN_IMAGES = 3  # for each column or row
 
 FIRST = "torch off: measuring the background for {:g} s"
 SWEEPS = (
-    "sweep 1 of 2: move the torch slowly, 15 to 30 cm from the array and, before a sphere, along "
-    "its surface and pointed at its middle, from beyond the port edge (at your right as you face "
-    "it) to beyond the starboard edge; then switch it off",
-    "sweep 2 of 2: the same from above the top edge to below the bottom edge; then switch it off",
+    "sweep 1 of 2: move the torch slowly from beyond the port edge (at your right as you face the "
+    "array) to beyond the starboard edge, 15 to 30 cm from the array; in front of a sphere, follow "
+    "its surface and point the torch at its middle; then switch the torch off",
+    "sweep 2 of 2: the same from above the top edge to below the bottom edge; then switch the "
+    "torch off",
 )
 DONE = "both sweeps are complete"
 
@@ -101,15 +102,15 @@ class TorchSweeps:
         if self._sweep:
             return f"the end of {name}: the torch was not off for {DARK_S:g} s"
         return (
-            f"the torch of {name}: {self._brightest()}; hold it nearer, or look whether the array "
+            f"the torch of {name}: {self._brightest()}; hold it nearer, or check whether the array "
             "has power"
         )
 
     def _brightest(self) -> str:
         """Say how bright the last image is, and what would be seen."""
         return (
-            f"the brightest reading is {self._rise:.3g} counts above the dark, and counts as lit "
-            f"above {self._lit:.3g}"
+            f"the brightest reading is {self._rise:.3g} counts above the dark; light is seen "
+            f"above {self._lit:.3g} counts"
         )
 
     def _by_lamp(self, image: Array) -> Array:
@@ -157,9 +158,9 @@ class TorchSweeps:
         gap = float((groups[1:, 0] - groups[:-1, -1]).min())
         if gap <= spread:
             raise ValueError(
-                f"{name}: they cannot be separated: the torch passes neighbouring ones within "
-                f"{gap:.2g} s, and the detectors of a single one within {spread:.2g} s; hold it "
-                "nearer to the array, move it straight and evenly, and well beyond both edges"
+                f"{name} cannot be separated: the torch passes neighbouring {name} within "
+                f"{gap:.2g} s, and the detectors of one of them within {spread:.2g} s; hold the "
+                "torch nearer to the array, move it straight and evenly, and beyond both edges"
             )
         places = np.empty(side * side, dtype=np.intp)
         places[order] = np.repeat(np.arange(side), side)

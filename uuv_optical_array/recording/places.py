@@ -34,7 +34,7 @@ def with_places(recording: Recording, path: Path) -> tuple[Recording, Array, NDA
     for place, (line, row) in enumerate(rows):
         images = _images(row, seconds)
         if not images or chosen.keys() & images:
-            fault = "it has an image of another line" if images else "no image"
+            fault = "it has an image of another line" if images else "it has no image"
             held = f"the bag has {len(seconds)} in {seconds[-1]:.1f} s"
             raise ValueError(f"{path}: line {line}: {fault}; {held}")
         chosen |= dict.fromkeys(images, place)

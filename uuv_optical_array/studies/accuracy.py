@@ -301,7 +301,7 @@ def _check_truth(args: argparse.Namespace, scene: Scene) -> None:
         raise ValueError(f"--lamps: {where} has no lamps; name one such as leading_lights")
     if args.moving and not MOVING & set(scene.effects):
         moving = ", ".join(sorted(MOVING))
-        raise ValueError(f"--moving: nothing moves in {where}; name one of {moving}")
+        raise ValueError(f"--moving: nothing moves in {where}; add one of {moving}")
     if args.drawn and not scene.nuisance_std():
         raise ValueError(f"--drawn: {where} has no prior to draw from; give it one")
 

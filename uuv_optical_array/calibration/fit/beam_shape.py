@@ -136,17 +136,17 @@ def wrong_beam(fit: CalibrationFit, missing: MissingShape) -> str:
     if fit.shaped and left > MOST_LEFT:
         if left < MOST_SHAPE and residuals_by_angle(fit).share > BY_BEAM:
             return (
-                f"no beam of the scene's Gaussians explains the images: by the angle off its axis "
-                f"it differs by {left:.1%} of the light, and {MOST_LEFT:.1%} are allowed; give "
-                "lamp.photometry, the file of the lamp, or take a diffuser or a softer beam"
+                "no beam of the scene's Gaussians explains the images: over the angle off its axis "
+                f"{left:.1%} of the light remain, more than {MOST_LEFT:.1%}; give "
+                "lamp.photometry, the file of the lamp, or use a diffuser or a softer beam"
             )
         return (
-            f"the model does not explain the images: it differs by {left:.1%} of the light, where "
-            f"a beam of other shape may by {MOST_LEFT:.1%}; {CHECK}"
+            f"the model does not explain the images: {left:.1%} of the light remain, and another "
+            f"shape of the beam leaves {MOST_LEFT:.1%} at most; {CHECK}"
         )
     if missing.explains(BY_BEAM):
         return (
-            "the beam of the lamp has another shape than the scene's: the residuals go by the "
+            "the beam of the lamp has another shape than the scene's: the residuals depend on the "
             f"angle off its axis; {FIT_SHAPE}"
         )
     return ""
@@ -161,9 +161,9 @@ def drawn_places(fit: CalibrationFit) -> str:
     if abs(scale) <= max(SIGNIFICANT * error, MOST_SCALE):
         return ""
     nearer = "nearer to" if scale < 0 else "farther from"
-    cure = "take a diffuser or a softer beam" if fit.shaped else FIT_SHAPE
+    cure = "use a diffuser or a softer beam" if fit.shaped else FIT_SHAPE
     return (
-        f"the images draw all places {abs(scale):.1%} {nearer} the beam's axis, "
-        f"{abs(scale) / error:.0f} standard errors of such places: the beam differs from the "
-        f"scene's Gaussians by more than they can tell; measure places better, or {cure}"
+        f"by the images all places are {abs(scale):.1%} {nearer} the beam's axis, "
+        f"{abs(scale) / error:.0f} of their standard errors: the beam differs from the scene's "
+        f"Gaussians; measure places better, or {cure}"
     )

@@ -74,7 +74,7 @@ def fitted_noise(fit: CalibrationFit, scene: Scene) -> FittedNoise:
     found, errors = _most_probable(square, rest, units, own, free)
     reason = ""
     if fit.shaped:
-        reason = "it looks like what the shape of the beam leaves, which is prior.beam_shape_std"
+        reason = "it cannot be told from the misfit of the beam's shape, prior.beam_shape_std"
     elif errors[1] > MOST_ERROR:
         reason = (
             "record from close to the lamp to far from it: readings of much and of little light"

@@ -71,8 +71,12 @@ READ_MORE = {
 
 # Values on ``/diagnostics``: names as Markdown, nodes that show them, and what they mean.
 VALUES = (
-    ("`answered`, `refused`, `refused: ...`", "all", "messages, and by kind"),
-    ("`taken`", "formation", "poses; its answers are commands"),
+    (
+        "`answered`, `refused`, `refused: ...`",
+        "all",
+        "messages, refused ones also by kind",
+    ),
+    ("`taken`", "formation", "poses received; `answered` counts commands"),
     ("`passed_over`", "feature in `follower_node`, estimator", "images left out for a newer one"),
     (
         "`Events in window`, `Events since startup`, `Duration of window (s)`, "
@@ -83,7 +87,7 @@ VALUES = (
     (
         "`Earliest timestamp delay:`, `Latest timestamp delay:`",
         "all",
-        "of stamps at the answer, s",
+        "age of a stamp at the answer, s",
     ),
     ("`Timestamp jitter (s)`", "all", "standard deviation of the time between stamps"),
     ("`cure: ...`", "all", "what to do about each text"),
@@ -94,20 +98,28 @@ VALUES = (
         "brightest detector (near 0: dim), and share of those at full scale",
     ),
     ("`range_m`", "simulator, formation", "distance behind the lamp, m"),
-    ("`sea`", "simulator", "by what the sea differs from the scene"),
+    ("`sea`", "simulator", "differences of the simulated sea from the scene"),
     (
         "`method`, `fit`",
         "estimator",
-        "the method; its fit, compiled or, slower, as it stands",
+        "the method; its fit: `compiled`, or slower, in Python, `as it stands`",
     ),
-    ("`angle_rad`, `runner_up_angle_rad`", "estimator", "spectral angle to the best signatures"),
+    (
+        "`angle_rad`, `runner_up_angle_rad`",
+        "estimator",
+        "spectral angle to the best signature, and to the runner-up",
+    ),
     (
         "`misfit`, `runner_up_misfit`",
         "estimator",
-        "probability of larger residuals in this scene; near 0 the sea is another",
+        "probability of larger residuals in this scene; near 0 the sea differs from it",
     ),
     ("`unobservable`", "estimator", "degrees of freedom that the image hardly shows"),
-    ("`std_x`, `std_y`, `std_z`, `std_pitch`, `std_yaw`", "estimator", "of the pose, m and rad"),
+    (
+        "`std_x`, `std_y`, `std_z`, `std_pitch`, `std_yaw`",
+        "estimator",
+        "standard deviation, m and rad",
+    ),
     (
         "`table_margin`",
         "estimator",
@@ -121,9 +133,9 @@ VALUES = (
         "obey, or it is not in m/s and rad/s along its own axes; if that lasts, set "
         "`use_commands` to false",
     ),
-    ("`range`", "estimator", "by how much the last range differed, and whether it is used"),
-    ("`learnt_...`", "estimator", "what the track has learnt of a constant"),
-    ("`scene_...`", "estimator", "what to write into the scene, as the sea differs"),
+    ("`range`", "estimator", "difference of the last range from the track, and whether it is used"),
+    ("`learnt_...`", "estimator", "estimate of a constant by the track"),
+    ("`scene_...`", "estimator", "value to write into the scene, where the sea differs"),
 )
 
 

@@ -117,6 +117,25 @@ def test_the_keys_that_are_printed_make_the_scene_that_is_told(tmp_path):
 
 
 @pytest.mark.usefixtures("sketched")
+def test_the_written_file_is_the_scene_that_is_told_from_any_folder(tmp_path):
+    folder = tmp_path / "boat"
+    folder.mkdir()
+    picture = "--output", tmp_path / "budget.png"
+    base = tmp_path / "water.yaml"
+    base.write_text("extends: coastal\n", encoding="utf-8")
+    for scene, extends in (("coastal", "coastal"), (base, "../water.yaml")):
+        written = folder / f"{len(extends)}.yaml"
+        out = text_of(run, "budget", "--scene", scene, "--write", written, *picture)
+        assert f"scene: {written}" in out
+        assert yaml.safe_load(written.read_text("utf-8"))["extends"] == extends
+        expected = scene_with(load_scene(scene), Instrument()).fingerprint
+        assert load_scene(written).fingerprint == expected
+    line = run("budget", "--scene", base, "--write", base, *picture, code=1)
+    assert "it is the scene that it would extend; name another file" in line
+    assert base.read_text("utf-8").startswith("extends: coastal")
+
+
+@pytest.mark.usefixtures("sketched")
 def test_the_eyes_see_each_of_several_lamps_by_itself(tmp_path):
     told = {
         scene: text_of(run, "budget", "--scene", scene, "--output", tmp_path / "budget.png")

@@ -9,12 +9,15 @@ tolerances cause. With --reach, the least watts for a reach are found.
   uuv_array budget --scene harbour --set lamp_w=2      in another water, with a brighter lamp
   uuv_array budget --reach 8                           the least watts that reach 8 m
   uuv_array budget --set daylight_w_per_m2=1 --set filter=0.7    by day, behind a filter
+  uuv_array budget --write sea.yaml                    the keys as a scene file
 The reach is the span of ranges at which the Cramer-Rao bound of one image, as of `uuv_array limits`
 with the scene's prior, is within the specification of Eren et al. (2016), 0.2 m and 10 deg.
 """
 
 import argparse
 import dataclasses
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +26,7 @@ from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.commands.limits import aligned, reach, within
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity, declared
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.yaml_text import text_of
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.tolerances import tolerances
@@ -32,6 +36,7 @@ from uuv_optical_array.forward.link_budget import Instrument, keys, least_watts,
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.scene_files import EXTENDS, is_file_name, scene_file
 from uuv_optical_array.forward.working_volume import SPECIFICATION
 from uuv_optical_array.plots.style import new_figure, plain_log_ticks, save
 
@@ -128,12 +133,29 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_set(parser, declared(Instrument))
     options.add_number(parser, "reach", REACH, None, float)
     outputs.add_picture(parser, "budget.png")
+    about = "scene file of the printed keys, which extends the scene"
+    parser.add_argument("--write", type=Path, metavar="FILE", help=about)
+
+
+def extended_from(name: str, file: Path) -> str:
+    """Return the name by which a file extends a scene: a path is one from the file's folder.
+
+    ValueError where the file is the scene itself.
+    """
+    if not is_file_name(name):
+        return name
+    base = scene_file(name)
+    if file.exists() and file.samefile(base):
+        raise ValueError(f"--write {file}: it is the scene that it would extend; name another file")
+    return os.path.relpath(base.resolve(), file.resolve().parent)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the budget, or the watts for a reach, and draw it."""
     base, instrument = options.scene_of(args), Instrument(**dict(args.set))
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    write = args.write and outputs.file_to_write(args.write, "--write", outputs.SCENE)
+    extends = extended_from(args.scene, write) if write else args.scene
     if args.reach is not None:
         watts = least_watts(base, instrument, lambda scene: bool(within(scene, [args.reach])[0]))
         if watts is None:
@@ -144,7 +166,11 @@ def run(args: argparse.Namespace) -> int:
         instrument = dataclasses.replace(instrument, lamp_w=float(f"{watts:.4g}"))
     scene = scene_with(base, instrument)
     print(report(scene, instrument, args.scene))
-    print(text_of({"extends": args.scene, **keys(base, instrument)}), end="")
+    text = text_of({EXTENDS: extends, **keys(base, instrument)})
+    print(text, end="")
+    if write:
+        files.write_text(write, text)
+        print(f"scene: {write}")
     save(draw(scene), output)
     print(f"picture: {output}")
     return 0

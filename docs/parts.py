@@ -3,8 +3,9 @@
 Each figure of a data sheet stands here once, beside those of ``uuv_array budget`` and of the
 firmware's header, from which the rest is computed. The schematic draws the same figures.
 
-As commonly quoted, from sheets that we could not check: the LED's flux, swing, offset and bias of
-OPA376, BPW34's capacitance, and all of LP5907, MAX3485E and Teensy 4.1.
+As commonly quoted, from sheets that we could not check: the LED's flux; swing, offset, bias and
+output resistance of OPA376; BPW34's capacitance; that of the cable; all of LP5907, MAX3485E and
+Teensy 4.1.
 """
 
 import math
@@ -38,8 +39,15 @@ DIODE_F, INPUT_F = 70e-12, 10e-12
 # Amplifier OPA376: Texas Instruments SBOS406G. Common mode up to 1.3 V below the supply.
 AMPLIFIER_V, AMPLIFIER_HZ, AMPLIFIER_A, SWING_V, COMMON_V = (2.2, 5.5), 5.5e6, 0.95e-3, 0.02, 1.3
 OFFSET_V, BIAS_A, SHUNT_OHM = 25e-6, 10e-12, 1e9
-# Around it: the reference of all channels, the feedback, and the filter before the converter.
+# What it drives without a resistor as a follower (that of its sibling OPA377, SBOS504B), the
+# resistor that its sheet names for more, and what its own output has at most.
+LOAD_F, SERIES_OHM, OUTPUT_OHM = 250e-12, (10.0, 20.0), 1e3
+# A row's cable: the capacitance of a core to all others.
+CABLE_F_PER_M, CABLE_M = 100e-12, 1.0
+# Around it: the reference of all channels, the feedback, and the filter before the converter. The
+# reference goes by a resistor to its capacitor, from there to discs and converters.
 DIVIDER_OHM, FEEDBACK_F, FILTER_OHM, FILTER_F = (64.9e3, 1e3), 10e-12, 1e3, 1e-9
+REFERENCE_OHM, REFERENCE_F = 20.0, 10e-6
 REFERENCE_V = ANALOG_V * DIVIDER_OHM[1] / sum(DIVIDER_OHM)
 # Converter ADS131M08: Texas Instruments SBAS950B; noise by table 7-1 of the family (gain 1).
 CONVERTER_V, CONVERTER_IN_V, CONVERTER_MHZ = (2.7, 3.6), (-1.3, ANALOG_V), (0.3, 8.4)
@@ -104,6 +112,11 @@ def checks() -> list[Check]:
     frame = 30 * 8 * FIRMWARE["CONVERTERS"] / SPI_HZ
     band_hz = 1 / (2 * math.pi * IT.feedback_ohm * FEEDBACK_F)
     filter_hz = 1 / (2 * math.pi * FILTER_OHM * FILTER_F)
+    detectors = FIRMWARE["SIDE"] ** 2
+    held_hz = 1 / (2 * math.pi * REFERENCE_OHM * REFERENCE_F)
+    crossed_hz = AMPLIFIER_HZ * REFERENCE_OHM / (REFERENCE_OHM + OUTPUT_OHM)
+    # Photodiodes and converters lead their currents into the reference.
+    sunk_a = detectors * IT.full_scale_v * (1 / IT.feedback_ohm + 1 / CONVERTER_OHM)
     scans = FIRMWARE["SCANS_PER_S"]
     packet_bits = 10 * (14 + 2 * FIRMWARE["SIDE"] ** 2 + 4 + 2)  # a byte has ten on the line
     flux_lm = IT.lamp_w * 683 * EYE
@@ -130,6 +143,16 @@ def checks() -> list[Check]:
         Check("amplifier: band, for carriers up to 2 kHz", band_hz / 1e3, 10, none, "kHz"),
         Check("amplifier: offset in counts, a tenth of the pedestal", offset_v / count_v, 0,
               IT.pedestal_counts / 10, "counts"),
+        Check("amplifier: capacitance of its cable", 1e12 * CABLE_F_PER_M * CABLE_M, 0,
+              1e12 * LOAD_F, "pF"),
+        Check("reference: resistor between amplifier and load", REFERENCE_OHM, *SERIES_OHM, "ohm"),
+        Check("reference: corner of resistor and capacitor", held_hz / 1e3, 0, crossed_hz / 10e3,
+              "kHz"),
+        Check("reference: load beside its capacitor, a tenth of it", 1e9 * detectors
+              * (DIODE_F + INPUT_F + FILTER_F) + 1e9 * 5 * CABLE_F_PER_M * CABLE_M, 0,
+              1e8 * REFERENCE_F, "nF"),
+        Check("reference: rise at full scale, common to all", 1e3 * sunk_a * REFERENCE_OHM, 0,
+              1e3 * REFERENCE_V / 10, "mV"),
         Check("converter: input at full scale", top_v, *CONVERTER_IN_V, "V"),
         Check("converter: supply", ANALOG_V, *CONVERTER_V, "V"),
         Check("converter: clock", CLOCK_HZ / 1e6, *CONVERTER_MHZ, "MHz"),

@@ -137,8 +137,15 @@ def reference(x: float, y: float) -> list[str]:
         line([(x + 200, y - 39), (x + 186, y - 39), (x + 186, y - 72), (x + 300, y - 72),
               (x + 300, y - 20), (x + 280, y - 20)]),
         dot(x + 300, y - 20),
-        line([(x + 300, y - 20), (x + 316, y - 20)]),
-        *net(x + 320, y - 20, REFERENCE),
+        *resistor(x + 300, y - 20, f"{fitted.REFERENCE_OHM:g} ohm"),
+        line([(x + 360, y - 20), (x + 416, y - 20)]),
+        dot(x + 380, y - 20),
+        line([(x + 380, y - 20), (x + 380, y + 30)]),
+        *capacitor(x + 380, y + 33, True),
+        line([(x + 380, y + 36), (x + 380, y + 66)]),
+        *ground(x + 380, y + 66),
+        words(x + 394, y + 56, f"{fitted.REFERENCE_F * 1e6:g} uF", font_size=13),
+        *net(x + 420, y - 20, REFERENCE),
         words(x + 226, y + 36, "OPA376"),
     ]  # fmt: skip
 

@@ -1,6 +1,6 @@
 // The four functions of array_firmware.h for a Teensy 4.1 (PJRC, NXP i.MX RT1062), by its Arduino
-// core: copy this file, array_firmware.* and array_sender.* into one sketch. Pins are those of the
-// table in docs/how_to/build_instrument.md.
+// core: copy this file, array_firmware.* and array_sender.* into one sketch, whose .ino file stays
+// empty. Pins are those of the table in docs/how_to/build_instrument.md.
 
 #include <Arduino.h>
 #include <SPI.h>

@@ -37,6 +37,10 @@ def test_every_part_is_within_its_limits():
         ("FEEDBACK_F", 1e-12, "amplifier: feedback capacitance"),
         ("FEEDBACK_F", 100e-12, "amplifier: band, for carriers up to 2 kHz"),
         ("OFFSET_V", 5e-3, "amplifier: offset in counts, a tenth of the pedestal"),
+        ("CABLE_M", 5.0, "amplifier: capacitance of its cable"),
+        ("REFERENCE_OHM", 5.0, "reference: resistor between amplifier and load"),
+        ("REFERENCE_OHM", 200.0, "reference: rise at full scale, common to all"),
+        ("REFERENCE_F", 100e-9, "reference: corner of resistor and capacitor"),
         ("CONVERTER_NOISE_V", {250: 7e-6}, "converter: noise near the band of a reading"),
         ("FILTER_OHM", 33e3, "converter: gain lost in the filter's resistor"),
         ("SPI_HZ", 4e6, "SPI: time of a scan, half of its period"),
@@ -75,6 +79,40 @@ def test_figures_are_those_of_closed_forms():
         1e3 * 10 * frame / 921600
     )
     assert named("SPI: time of a scan, half of its period").value == pytest.approx(4 * 240 / 15)
+
+
+def test_the_amplifier_of_the_reference_is_stable():
+    """By the phase of its loop, whatever its own output has up to the figure that is taken."""
+    held_ohm, held_f = parts.REFERENCE_OHM, parts.REFERENCE_F
+    hz = np.geomspace(1, 1e8, 200001)
+    s = 2j * np.pi * hz
+    for own_ohm in (10.0, 150.0, parts.OUTPUT_OHM):
+        load = held_ohm + 1 / (s * held_f)
+        loop = parts.AMPLIFIER_HZ / (1j * hz) * load / (load + own_ohm)
+        crossed = np.flatnonzero(np.abs(loop) < 1)[0]
+        assert 180 + np.degrees(np.angle(loop[crossed])) > 80
+    # Without the resistor, what the discs and cables load it with leaves next to no margin.
+    bare_f = 25 * (parts.DIODE_F + parts.INPUT_F) + 5 * parts.CABLE_F_PER_M * parts.CABLE_M
+    assert bare_f > 8 * parts.LOAD_F
+    loop = parts.AMPLIFIER_HZ / (1j * hz) / (1 + s * bare_f * 150)
+    crossed = np.flatnonzero(np.abs(loop) < 1)[0]
+    assert 180 + np.degrees(np.angle(loop[crossed])) < 30
+    sunk = 25 * (1.2e-6 + 1.2 / 330e3)  # A
+    rise = named("reference: rise at full scale, common to all").value
+    assert rise == pytest.approx(1e3 * sunk * held_ohm)
+
+
+def test_what_is_drawn_and_told_beside_the_parts_is_ordered():
+    """Values of resistors and capacitors, and what the steps of building use."""
+    whats = " ".join(part.what for group in parts_list.PARTS.values() for part in group)
+    drawn = ElementTree.fromstring(reference.drawing("schematic.svg")).itertext()
+    values = set(re.findall(r"\b[\d.]+ (?:MOhm|kOhm|ohm|pF|nF|uF)\b", " ".join(drawn)))
+    assert len(values) == 7
+    for value in values:
+        number, unit = value.split()
+        assert re.search(rf"\b{re.escape(number)}\b[\w ,.]*\b{unit}\b", whats), value
+    for thing in ("120", "red LED", "paste", "glue", "dowels", "torch", "black cloth", "pool"):
+        assert thing in whats, thing
 
 
 def test_the_budget_has_the_figures_of_the_parts():

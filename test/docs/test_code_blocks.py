@@ -52,6 +52,12 @@ def check_shell(block):
             build_parser().parse_args(words[names.index("uuv_array") + 1 :])
         elif words[:3] == ["ros2", "run", PACKAGE.name]:
             check_run(words[3], words)
+        elif names and names[0] in PARAMETERS:
+            check_run(names[0], words)
+        elif words[1:] and re.fullmatch(r"examples/\w+\.py", words[1]):
+            script = (ROOT / words[1]).read_text(encoding="utf-8")
+            options = {word for word in words if word[:2] == "--"} - {"--ros-args"}
+            assert all(f'"{option}"' in script for option in options), line
         elif words[:3] == ["ros2", "launch", PACKAGE.name]:
             given = {word.partition(":=")[0] for word in words[4:]}
             assert given <= ARGUMENTS[words[3]].keys(), line

@@ -142,7 +142,8 @@ def wrong_beam(fit: CalibrationFit, missing: MissingShape) -> str:
             )
         return (
             f"the model does not explain the images: {left:.1%} of the light remain, and another "
-            f"shape of the beam leaves {MOST_LEFT:.1%} at most; {CHECK}"
+            f"shape of the beam leaves {MOST_LEFT:.1%} at most; {CHECK}, and whether the beam is "
+            "round: `uuv_array scenes` says by how much the planes of its file differ"
         )
     if missing.explains(BY_BEAM):
         return (

@@ -5,7 +5,7 @@ array is calibrated on drives whose poses are known exactly or by an odometry, a
 estimated.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -72,11 +72,15 @@ class MeasuredLamp:
     def light(self, poses: Array) -> Array:
         """Return the light at poses ``(m, 5)``, counts, shape ``(m, side, side)``."""
         rays = self._model.rays(poses, np.zeros(len(poses)))
-        eta, lamp = np.degrees(np.sqrt(2 * rays[HALF_SQUARE])), self._lamp
-        intensity = np.interp(eta, lamp.angles_deg, lamp.mean, right=0.0)
+        eta = np.degrees(np.sqrt(2 * rays[HALF_SQUARE]))
+        intensity = self.intensity(eta, poses)
         facing = np.maximum(rays[COSINE], 0.0)
         light = self._power * intensity * facing / rays[RANGE] ** 2 * np.exp(-K_PER_M * rays[RANGE])
         return np.asarray(light.reshape(len(poses), *self._model.image_shape))
+
+    def intensity(self, eta_deg: Array, poses: Array) -> Array:
+        """Return the intensity at angles off the axis, of the detectors at poses ``(m, 5)``."""
+        return np.interp(eta_deg, self._lamp.angles_deg, self._lamp.mean, right=0.0)
 
     def lit(self, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """Return poses that are lit, ``(count, 5)``, m and rad, and their images."""
@@ -105,16 +109,26 @@ def measure_lamps(files: Sequence[Path], count: int, seed: int) -> Iterator[dict
             row |= {"file_rms": beam.rms, "planes_rms": beam.planes_rms}
             beams["its file"] = beam.settings()
         row["scenes"] = {
-            name: _poses_by(scene_of(settings), lamp, count, seed, f"{path.stem}, {name}")
+            name: poses_by(scene_of(settings), lamp, count, seed, f"{path.stem}, {name}")
             for name, settings in beams.items()
         }
         yield plain(row)
 
 
-def _poses_by(scene: Scene, lamp: Photometry, count: int, seed: int, what: str) -> dict[str, Any]:
-    """Return a scene's poses as bought and calibrated on a drive, or its refusal, by odometry."""
+def poses_by(
+    scene: Scene,
+    lamp: Photometry,
+    count: int,
+    seed: int,
+    what: str,
+    shone: Callable[[Photometry, ForwardModel], MeasuredLamp] = MeasuredLamp,
+) -> dict[str, Any]:
+    """Return a scene's poses as bought and calibrated on a drive, or its refusal, by odometry.
+
+    - shone: makes the light of the lamp.
+    """
     rng, model = np.random.default_rng(seed), ForwardModel(scene)
-    truth = MeasuredLamp(lamp, model)
+    truth = shone(lamp, model)
     places, images = truth.lit(DRIVE_IMAGES, rng)
     errors = rng.standard_normal(places.shape)
     poses, seen = truth.lit(count, rng)

@@ -25,6 +25,7 @@ A port that gives no byte for `SILENT_S` is opened anew: an array that has lost 
 end a connection. An error that nothing here expects is told, and the port opened anew, too.
 """
 
+import errno
 import struct
 import threading
 import time
@@ -67,6 +68,7 @@ LAGS = 100  # arrivals that the array's clock is told by
 LOOK_S = 0.005  # s, between two looks at what has arrived
 WAIT_S = 0.2  # s, for bytes, and between two attempts to open the port
 NOTED_NS = 1_000_000  # of a difference of clocks, which is read with a little noise
+FORBIDDEN = "; run: sudo usermod -aG dialout $USER, and log in anew"
 SILENT_S = 5.0  # s, longer than a board takes to start that opening its port resets
 
 
@@ -142,7 +144,8 @@ class SerialArrayNode(Node):
                     self.hand_over("")
                     self.read_from(port)
             except Exception as error:  # else the thread would end, and the node would be deaf
-                self.hand_over(f"no array: {error or type(error).__name__}")
+                cure = FORBIDDEN if getattr(error, "errno", None) == errno.EACCES else ""
+                self.hand_over(f"no array: {error or type(error).__name__}{cure}")
                 self.stopped.wait(WAIT_S)
 
     def read_from(self, port: serial.SerialBase) -> None:

@@ -3,6 +3,7 @@
 import binascii
 import contextlib
 import ctypes
+import errno
 import importlib.util
 import itertools
 import os
@@ -17,6 +18,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import serial
 from command_line import begun, ended
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from hypothesis import given
@@ -350,6 +352,17 @@ def test_a_socket_whose_other_end_loses_its_power_is_told_and_opened_anew(lab, m
             lab.until(another, "another")
             lab.report(node, DiagnosticStatus.WARN, "no input: nothing came for")
     assert numbers(lab) == [3, 0]
+
+
+def test_a_port_that_may_not_be_opened_is_told_with_the_cure(lab, line, monkeypatch):
+    def forbidden(url, *words, **options):
+        if not options.get("do_not_open"):
+            raise serial.SerialException(errno.EACCES, f"could not open port {url}")
+
+    node = begin(lab, line.name)
+    monkeypatch.setattr(example.serial, "serial_for_url", forbidden)
+    line.unplug()
+    lab.report(node, DiagnosticStatus.ERROR, "no array", "usermod -aG dialout")
 
 
 def test_a_port_that_can_be_none_ends_the_node_in_a_line(lab):

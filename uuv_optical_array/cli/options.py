@@ -42,9 +42,9 @@ class Parser(argparse.ArgumentParser):
         super().error(message + hint)
 
 
-def meant(word: str, known: Iterable[str]) -> str:
-    """Return a hint at the nearest of the known words; empty where none is near."""
-    near = hint(word, known, "", AS_NEAR)
+def meant(word: str, known: Iterable[str], before: str = "") -> str:
+    """Return a hint at the nearest of the known words, as `hint` has it; empty: none is near."""
+    near = hint(word, known, "", AS_NEAR, before)
     return f"; {near}" if near else ""
 
 

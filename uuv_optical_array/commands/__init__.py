@@ -64,7 +64,8 @@ def main(words: list[str] | None = None) -> None:
         near = (n for n, _ in vars(args).get("set", ()) if begin and n.startswith(begin))
         cure = next((f"; it is called `--set {setting}=VALUE`" for setting in near), "")
         word = next((word.partition("=")[0] for word in others if word.startswith("-")), "")
-        cure = cure or options.meant(word, re.findall(r"--[a-z][a-z-]*", args.parser.format_help()))
+        names = re.findall(r"--([a-z][a-z-]*)", args.parser.format_help())
+        cure = cure or options.meant(word.lstrip("-"), names, "--")
         args.parser.error(f"unrecognized arguments: {' '.join(others)}{cure}")
     try:
         code = args.run(args)

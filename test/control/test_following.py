@@ -340,6 +340,19 @@ def test_what_a_lamp_left_is_told_from_the_leader_by_where_that_is_expected(afte
     assert apart == ("another lamp" in str(pursuit.refused))
 
 
+def test_light_whose_poses_are_refused_does_not_keep_a_follower_coasting():
+    """It is not where the leader may be; that was wrong, and the search finds its leader."""
+    pursuit = Pursuit()
+    pursuit.peak = 100.0
+    pursuit.run(LIT_S)
+    pursuit.aside = np.array([0.0, 6.0, 0.0])
+    pursuit.run(2 * TIMEOUT_S)
+    assert (pursuit.state, "another lamp" in str(pursuit.refused)) == ("coasting", True)
+    pursuit.run(SHORT.coast_s + 2 * TIMEOUT_S)
+    assert pursuit.states[-2:] == ["searching", "locked"]
+    assert DOUBT in pursuit.following.state.reason
+
+
 def test_a_sharp_pose_after_vague_ones_may_be_as_far_from_these_as_they_err():
     """0.8 m at a standard deviation of 0.3 m, where the leader alone does not get in a tick."""
     pursuit = Pursuit().run(LIT_S)

@@ -46,6 +46,7 @@ from uuv_optical_array.control.leader.told_motion import Message
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.tracking.measurement import checked_pose
+from uuv_optical_array.estimation.tracking.track import Outlier
 
 StateName = Literal["waiting", "locked", "coasting", "searching", "lost", "disengaged"]
 STATES: tuple[StateName, ...] = get_args(StateName)
@@ -100,6 +101,7 @@ class Following:
         self._image_s = -math.inf
         self._heard_s = -math.inf  # stamp of the newest image as the last pose came
         self._glow: Glow | None = None  # of the newest image
+        self._refused_s = -math.inf  # stamp of the last pose that is not the leader's
         self._seen: Seen | None = None  # of the leader, by poses that steered
         self._lamps = Lamps()
         self._began_s = math.nan  # when the first image came
@@ -200,17 +202,14 @@ class Following:
             # No command has come since the light went.
             self._lose_light(stamp_s)
         dark, sure = self._dark, False
-        if dark is not None:
-            self._advance(dark, stamp_s)
-            if dark.leader is not None:
-                reached = dark.within_reach(pose, covariance)
-                self._hold_apart(stamp_s, pose, covariance, dark.leader, reached)
-        if dark is not None and self.state.name == "coasting":
-            sure = dark.expected(pose, covariance)
-        elif dark is not None:
-            dark.glimpse(pose, covariance)
-        elif self.state.name == "locked":
-            self._check(stamp_s, pose, covariance)
+        try:
+            if dark is not None:
+                sure = self._expected(dark, stamp_s, pose, covariance)
+            elif self.state.name == "locked":
+                self._check(stamp_s, pose, covariance)
+        except Outlier:
+            self._refused_s = stamp_s
+            raise
         try:
             self._law.update(stamp_s, pose, covariance, rate, rate_covariance)
         except NoPose:
@@ -227,6 +226,20 @@ class Following:
                 found = f"light came back {dark.found(pose, self._lamps.met)}"
             self._to("locked", stamp_s, found)
             self._dark = None
+
+    def _expected(self, dark: Darkness, stamp_s: float, pose: Array, covariance: Array) -> bool:
+        """Let a pose in the dark tell where the leader is; say whether it surely is of it.
+
+        Outlier for one that is not, while the follower coasts; else it guides the search.
+        """
+        self._advance(dark, stamp_s)
+        if dark.leader is not None:
+            reached = dark.within_reach(pose, covariance)
+            self._hold_apart(stamp_s, pose, covariance, dark.leader, reached)
+        if self.state.name == "coasting":
+            return dark.expected(pose, covariance)
+        dark.glimpse(pose, covariance)
+        return False
 
     def _check(self, stamp_s: float, pose: Array, covariance: Array) -> None:
         """Raise Outlier for a pose beyond the minimum distance that does not go on from the last.
@@ -254,7 +267,6 @@ class Following:
         whose = lamps.whose(stamp_s, pose, covariance, leaders, reached, sight)
         if whose == "leader":
             return
-        self._glow = None  # it is not the leader's
         if whose == "both" and lamps.other is not None and dark is not None:
             dark.see_both(lamps.other, pose, covariance)
         if whose == "other" and lamps.other is not None and dark is not None:
@@ -319,7 +331,9 @@ class Following:
         dark = self._dark
         assert dark is not None
         self._advance(dark, now_s)
-        glow = self._glow if self._images_come(now_s) else None
+        # Where poses of the light are not the leader's, neither is the light.
+        refused = abs(now_s - self._refused_s) <= self._settings.light_timeout_s
+        glow = self._glow if self._images_come(now_s) and not refused else None
         dark.look(glow, self.state.name == "coasting")
         if self.state.name == "coasting":
             dark.hear(self._law.leader.told(now_s))

@@ -97,7 +97,8 @@ class Following:
         self.state = State("waiting", math.nan, "no pose has come yet")
         self._dark: Darkness | None = None
         self._settling: list[float] = []  # stamps of the poses that agree
-        self._of, self._images = 0, 0  # images since the first of them, and since the last pose
+        self._settling_images = 0  # since the first of them
+        self._images = 0  # since the last pose
         self._image_s = -math.inf
         self._heard_s = -math.inf  # stamp of the newest image as the last pose came
         self._glow: Glow | None = None  # of the newest image
@@ -305,10 +306,10 @@ class Following:
         if self._settling and not 0 <= stamp_s - self._settling[-1] <= timeout_s:
             self._settling.clear()
         of = 1 if stamp_s <= self._heard_s else self._images
-        self._of = self._of + of if self._settling else 1
+        self._settling_images = self._settling_images + of if self._settling else 1
         self._images, self._heard_s = 0, self._image_s
         self._settling.append(stamp_s)
-        often = 2 * len(self._settling) > self._of
+        often = 2 * len(self._settling) > self._settling_images
         return often and stamp_s - self._settling[0] >= self._search.settle_s
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:

@@ -20,7 +20,7 @@ class Estimate(NamedTuple):
     - readings: likelihood of the image near its best fit; ``None`` where nothing was expected, or
       something may shade the image.
     - clear: probability that the image is lit as the scene says: by no shade, nor else unevenly.
-    - bent: whether the image is far from linear over what it leaves of the pose.
+    - bent: whether `readings` are far from linear over what the image leaves of the pose.
     - believed: probability of each reading that it is of the light, shape ``(n,)``; ``None``: 1.
     - left_out: rows and columns, from 0, of detectors left out: dead, stuck, dirty or in a glint.
     - roll: by several lamps, how much more the follower rolls than was given, rad.

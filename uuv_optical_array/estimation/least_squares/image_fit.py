@@ -391,7 +391,7 @@ class ImageFit:
             result.covariance[:, 5] if len(rolls) else None,
             dark,
             main.frame.weights,
-            not main.nearly_gaussian,
+            near is not None and not main.nearly_gaussian,
         )
 
     def _left_out(self, weights: Array) -> tuple[int | None, tuple[tuple[int, int], ...]]:

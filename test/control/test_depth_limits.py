@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from test_following import LIT_S, OPEN, TICK_S, Pursuit
+from pursuit import LIT_S, OPEN, TICK_S, Pursuit
 
 from uuv_optical_array.control.darkness import SearchSettings
 from uuv_optical_array.control.following import SURFACE_M_PER_S

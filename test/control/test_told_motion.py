@@ -4,8 +4,8 @@ from functools import partial
 
 import numpy as np
 import pytest
+from pursuit import OPEN, TICK_S, Pursuit
 from scipy.spatial.transform import Rotation
-from test_following import OPEN, TICK_S, Pursuit
 
 from uuv_optical_array.control.darkness import SearchSettings
 from uuv_optical_array.control.formation import FormationController

@@ -42,6 +42,7 @@ from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.leader.lamps import LEFT_S, Lamps
 from uuv_optical_array.control.leader.motion import Glow, LeaderMotion
 from uuv_optical_array.control.leader.other_lamp import goes_on
+from uuv_optical_array.control.leader.settling import Settling
 from uuv_optical_array.control.leader.told_motion import Message
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
@@ -96,11 +97,8 @@ class Following:
     def _begin(self) -> None:
         self.state = State("waiting", math.nan, "no pose has come yet")
         self._dark: Darkness | None = None
-        self._settling: list[float] = []  # stamps of the poses that agree
-        self._settling_images = 0  # since the first of them
-        self._images = 0  # since the last pose
+        self._settling = Settling()
         self._image_s = -math.inf
-        self._heard_s = -math.inf  # stamp of the newest image as the last pose came
         self._glow: Glow | None = None  # of the newest image
         self._refused_s = -math.inf  # stamp of the last pose that is not the leader's
         self._seen: Seen | None = None  # of the leader, by poses that steered
@@ -134,7 +132,7 @@ class Following:
         """
         self._image_s, self._glow = stamp_s, glow
         self._watch_lamps(stamp_s, glow)
-        self._images += 1
+        self._settling.look(stamp_s)
         if math.isnan(self._began_s):
             self._began_s = stamp_s
 
@@ -219,9 +217,10 @@ class Following:
         self._note_seen(stamp_s, pose, covariance)
         if self.state.name in ("locked", "disengaged"):
             return
+        timeout_s, settle_s = self._settings.light_timeout_s, self._search.settle_s
         if dark is not None and covariance[3:, 3:].trace() > MOST_TURNED_RAD**2:
             self._settling.clear()  # a heading to go by is to be known
-        elif self._settled(stamp_s) or sure:
+        elif self._settling.take(stamp_s, timeout_s, settle_s) or sure:
             found = "the leader's light steers"
             if dark is not None:
                 found = f"light came back {dark.found(pose, self._lamps.met)}"
@@ -295,22 +294,6 @@ class Following:
         if self._glow is not None:
             lit = float(np.linalg.norm(pose[:3])), self._glow.peak
         self._seen = Seen(motion, copy(motion), covariance, track.margin_m, lit)
-
-    def _settled(self, stamp_s: float) -> bool:
-        """Say whether poses up to this one, of most images, have agreed for long enough.
-
-        A pose of an image that had come before the last pose did is of an estimator that is busy:
-        what else came meanwhile was left out, not refused.
-        """
-        timeout_s = self._settings.light_timeout_s
-        if self._settling and not 0 <= stamp_s - self._settling[-1] <= timeout_s:
-            self._settling.clear()
-        of = 1 if stamp_s <= self._heard_s else self._images
-        self._settling_images = self._settling_images + of if self._settling else 1
-        self._images, self._heard_s = 0, self._image_s
-        self._settling.append(stamp_s)
-        often = 2 * len(self._settling) > self._settling_images
-        return often and stamp_s - self._settling[0] >= self._search.settle_s
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:
         """Return the twist to command at the present, s; ``None`` where there is nothing to do.

@@ -26,7 +26,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.cli import options, outputs
-from uuv_optical_array.core.geometry import YAW, X
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.estimator import METHODS
@@ -34,13 +33,13 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import PriorSettings
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.forward.working_volume import SPECIFICATION, lit_poses
+from uuv_optical_array.forward.working_volume import SPECIFIED, lit_poses
 from uuv_optical_array.studies import tradeoff
 from uuv_optical_array.studies.shared.errors import position_and_angle
 from uuv_optical_array.studies.shared.results import read, write
 from uuv_optical_array.studies.tradeoff import SETTINGS_CSV, Measurement
 
-POSITION_M, ANGLE_DEG = float(SPECIFICATION[X]), float(SPECIFICATION[YAW])
+POSITION_M, ANGLE_DEG = SPECIFIED
 BOUNDED = 200  # poses whose bound is shown
 NEEDS = {
     "rate": (Quantity("frames a second", "Hz", 0.001, 1e6), 10.0),

@@ -37,7 +37,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.scene_files import EXTENDS, is_file_name, scene_file
-from uuv_optical_array.forward.working_volume import SPECIFICATION
+from uuv_optical_array.forward.working_volume import SPECIFIED, SPECIFIED_TEXT
 from uuv_optical_array.plots.style import new_figure, plain_log_ticks, save
 
 RANGES_M = (1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0)
@@ -87,7 +87,7 @@ def report(scene: Scene, instrument: Instrument, base: str) -> str:
         lines.append(f"{range_m:9g}{light:11.4g}{std:9.3g}{shown}{full}")
     span = reach(scene)
     told = f"{span[0]:g} to {span[1]:g} m" if span else "none: not even at the reference range"
-    lines += [f"reach within 0.2 m and 10 deg: {told}", ""]
+    lines += [f"reach within {SPECIFIED_TEXT}: {told}", ""]
     lines.append(f"errors of building, at {BUILT_M:g} m    range (mm)  across (mm)  angle (deg)")
     for name, error in tolerances(scene, aligned([BUILT_M])[0]).items():
         x, y, z, pitch, yaw = np.round(error * IN_DEGREES * [1e3, 1e3, 1e3, 1, 1], 3)
@@ -100,7 +100,7 @@ def draw(scene: Scene) -> Any:
     figure = new_figure(13, 5.6)
     light, noise, x, across, angle = rows(scene, DRAWN_M).T
     full, black = scene.full_scale_counts, scene.black_counts
-    most_m, most_deg = SPECIFICATION[0], SPECIFICATION[-1]
+    most_m, most_deg = SPECIFIED
     panels = (
         ("counts", {"brightest reading": light, "its noise": noise}, full, "full scale"),
         ("m", {"range": x, "across": across}, most_m, f"{most_m:g} m (paper)"),

@@ -39,6 +39,7 @@ from uuv_optical_array.forward.photometric_files import read
 from uuv_optical_array.forward.photometry import FittedBeam, fitted
 from uuv_optical_array.forward.scene import GROUPS, Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
+from uuv_optical_array.forward.working_volume import SPECIFIED_TEXT
 from uuv_optical_array.plots.style import new_figure, save
 
 OWNERS: dict[str, Callable[..., Any]] = {
@@ -79,7 +80,7 @@ def figures(scene: Scene) -> list[str]:
     return [
         f"{array.shape} {side} x {side}, {counts} at "
         f"{lamp.reference_range_m:g} m, beam {lamp.beam_sigma_deg:g} deg, {water}",
-        f"reach within 0.2 m and 10 deg: {text}, table to {-scene.table.x_m.start:g} m; "
+        f"reach within {SPECIFIED_TEXT}: {text}, table to {-scene.table.x_m.start:g} m; "
         f"known {prior}",
         f"effects: {', '.join(scene.effects) or 'none'}",
     ]

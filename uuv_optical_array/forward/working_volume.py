@@ -11,8 +11,10 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import TableSettings
 
 RANGES_M = (4.0, 5.0, 6.0, 7.0, 8.0)  # behind the lamp
-# Largest errors in x, y, z, m, and in pitch and yaw, deg.
-SPECIFICATION = np.array([0.2, 0.2, 0.2, 10.0, 10.0])
+# Largest errors of position, m, and of angle, deg; in words; and in x, y, z, pitch and yaw.
+SPECIFIED = 0.2, 10.0
+SPECIFIED_TEXT = "{:g} m and {:g} deg".format(*SPECIFIED)
+SPECIFICATION = np.repeat(SPECIFIED, (3, 2))
 # Corners of the volume, m and rad: 4 to 8 m, 0.9 m to each side, 20 deg.
 HIGH = np.array([-4.0, 0.9, 0.9, *np.radians([20.0, 20.0])])
 LOW = np.array([-8.0, *-HIGH[1:]])

@@ -35,6 +35,7 @@ from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M
 from uuv_optical_array.plots.style import new_figure, save, shades
 from uuv_optical_array.studies.shared.separation import (
+    MOVES,
     THRESHOLD_DEG,
     UNITS,
     WANTED,
@@ -219,7 +220,7 @@ def report(result: Mapping[str, Any]) -> str:
     for i, (said, point) in enumerate(zip(STATEMENTS, points, strict=True), 1):
         ours, verdict = _number(point["ours_deg"]), f"{said.verdict(point['ours_deg']):4}"
         rows.append((i, said.figure, said.text, said.label, ours, verdict))
-    heads = ("0.2 m", "10 deg", "shift (m)", "yaw (deg)", "noise 4 m", "noise 8 m")
+    heads = (*MOVES, "shift (m)", "yaw (deg)", "noise 4 m", "noise 8 m")
     by_size: list[tuple[object, ...]] = [("detectors", *heads)]
     for size in result["sizes"]:
         side, at_shift, shift, at_yaw, yaw, *noisy_deg = size.values()

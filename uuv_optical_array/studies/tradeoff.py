@@ -39,7 +39,7 @@ from uuv_optical_array.forward import working_volume
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.forward.working_volume import GUESSED, SPECIFICATION
+from uuv_optical_array.forward.working_volume import GUESSED, SPECIFIED
 from uuv_optical_array.plots import style
 from uuv_optical_array.studies.shared import errors, published
 from uuv_optical_array.studies.shared.results import STEP, until_interrupted, write
@@ -300,7 +300,7 @@ def _draw_panel(axes: Any, rows: Sequence[Measurement], name: str) -> None:
     axes.set(xscale="log", yscale="log", xlabel="median time of a frame (ms)", ylabel=title)
     best = min(rows, key=lambda row: getattr(row, f"floor_{column}"))
     side, unit = best.detectors_per_side, column.rpartition("_")[2]
-    wanted = float(SPECIFICATION[3 * which])
+    wanted = SPECIFIED[which]
     for value, text, line, colour in (
         (wanted, f"{wanted:g} {unit}, wanted by the paper", "--", style.SPECIFIED),
         (GUESSED[which], "no measurement at all", ":", "0.4"),

@@ -11,6 +11,7 @@ from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.studies.designs.scores import PAPER, ScoredDesign
 from uuv_optical_array.studies.designs.sweep import Design
 from uuv_optical_array.studies.shared.results import STEP
+from uuv_optical_array.studies.shared.separation import MOVES
 
 CLEAR_SIGMAS = 3.0
 
@@ -60,7 +61,7 @@ class Choice:
         heads = ("position", "angle", "lit", "at 4 m", "", "4 to 8 m", "", "")
         lines: list[tuple[object, ...]] = [
             ("no", "design", "front", "15 deg", *heads),
-            ("", "", "", "at", "m", "deg", "%", "0.2 m", "10 deg", "0.2 m", "10 deg", "sigma"),
+            ("", "", "", "at", "m", "deg", "%", *MOVES, *MOVES, "sigma"),
         ]
         for number, row in enumerate(self.numbered, start=1):
             on_fronts = [name for name, rows in self.fronts.items() if row in rows] or ["none"]
@@ -89,7 +90,7 @@ def report(choice: Choice) -> str:
     clear = sum(row.sigmas >= CLEAR_SIGMAS for row in far)
     return (
         f"{choice.table()}\n\n"
-        f"{near} of {len(choice.rows)} designs tell 0.2 m and 10 deg apart by 15 deg at 4 m, "
+        f"{near} of {len(choice.rows)} designs tell {' and '.join(MOVES)} apart by 15 deg at 4 m, "
         f"{len(far)} from 4 to 8 m;\nof these, {clear} by {CLEAR_SIGMAS:g} or more standard "
         "deviations of their signature's noise"
     )

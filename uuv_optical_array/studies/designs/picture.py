@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.forward.working_volume import GUESSED, SPECIFICATION
+from uuv_optical_array.forward.working_volume import GUESSED, SPECIFIED
 from uuv_optical_array.plots import style
 from uuv_optical_array.studies.designs.choice import Choice
 from uuv_optical_array.studies.designs.scores import ScoredDesign
-from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
+from uuv_optical_array.studies.shared.separation import MOVES, THRESHOLD_DEG
 
 # Score, axis label, the specification, and what is known without light.
 BOUNDS = {
-    "position_m": ("bound on position, RMS (m)", float(SPECIFICATION[0]), GUESSED[0]),
-    "angle_deg": ("bound on angle, RMS (deg)", float(SPECIFICATION[3]), GUESSED[1]),
+    "position_m": ("bound on position, RMS (m)", SPECIFIED[0], GUESSED[0]),
+    "angle_deg": ("bound on angle, RMS (deg)", SPECIFIED[1], GUESSED[1]),
 }
 BESIDE: dict[Shape, float] = {"planar": -0.2, "curved": 0.0}  # where a shape is drawn
 
@@ -30,7 +30,7 @@ def draw(choice: Choice, about: str) -> Any:
         _all_designs(axes, choice, name)
     _dots(criterion, [min(row.shift_deg, row.yaw_deg) for row in rows], rows, "angle_deg")
     criterion.axvline(THRESHOLD_DEG, color="k", lw=1)
-    criterion.set_xlabel("spectral angle of 0.2 m or 10 deg, the lesser, 4 to 8 m (deg)")
+    criterion.set_xlabel(f"spectral angle of {' or '.join(MOVES)}, the lesser, 4 to 8 m (deg)")
     criterion.set_title(f"right of {THRESHOLD_DEG:g} deg the paper's criterion is met", fontsize=11)
     handles, labels = by_detectors[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=11, frameon=False)

@@ -19,14 +19,15 @@ from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.forward.working_volume import SPECIFICATION
+from uuv_optical_array.forward.working_volume import SPECIFIED
 
 Motion = Literal["shift", "yaw"]
 # Reads n poses ``(n, 5)`` by a model, counts, ``(..., n, side, side)``.
 Read: TypeAlias = Callable[[ForwardModel, Array], Array]
 UNITS: dict[Motion, str] = {"shift": "m", "yaw": "deg"}
 # What the paper wants detected, in these units, and the angle from which it calls a move detected.
-WANTED: dict[Motion, float] = {"shift": float(SPECIFICATION[Y]), "yaw": float(SPECIFICATION[YAW])}
+WANTED: dict[Motion, float] = {"shift": SPECIFIED[0], "yaw": SPECIFIED[1]}
+MOVES = tuple(f"{size:g} {UNITS[motion]}" for motion, size in WANTED.items())
 THRESHOLD_DEG = 15.0
 FLAT = 1e-9  # share of the peak below which differences are rounding
 

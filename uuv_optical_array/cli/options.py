@@ -1,13 +1,14 @@
 """Options of the commands, made from the settings that they set."""
 
 import argparse
+import difflib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Annotated, Any, NoReturn, TypeAlias, get_args
 
-from uuv_optical_array.core.settings import Place, Quantity, Setting, check, declared, hint, unknown
+from uuv_optical_array.core.settings import Place, Quantity, Setting, check, declared, unknown
 from uuv_optical_array.estimation.estimator import EstimatorSettings
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
@@ -15,7 +16,6 @@ from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.programs import INTERRUPTED as INTERRUPTED
 
 Settings: TypeAlias = Mapping[str, Setting]
-AS_NEAR = 0.6  # words that argparse itself would suggest from Python 3.14 on
 SEED = Quantity("seed of all random numbers", "", 0, 2**32 - 1)
 
 
@@ -43,9 +43,12 @@ class Parser(argparse.ArgumentParser):
 
 
 def meant(word: str, known: Iterable[str], before: str = "") -> str:
-    """Return a hint at the nearest of the known words, as `hint` has it; empty: none is near."""
-    near = hint(word, known, "", AS_NEAR, before)
-    return f"; {near}" if near else ""
+    """Return a hint at the nearest of the known words, with what stands `before` it.
+
+    Empty where none is as near as argparse itself requires from Python 3.14 on.
+    """
+    near = difflib.get_close_matches(word, known, n=1)
+    return f"; did you mean {before}{near[0]}?" if near else ""
 
 
 def add_command(subparsers: Any, module: Any) -> None:

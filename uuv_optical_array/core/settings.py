@@ -220,19 +220,10 @@ def summary(owner: Callable[..., Any]) -> str:
     return (inspect.getdoc(owner) or "").partition("\n")[0]
 
 
-def hint(
-    name: Any,
-    known: typing.Iterable[str],
-    otherwise: str,
-    cutoff: float = ONE_SLIP_IN_FOUR,
-    before: str = "",
-) -> str:
-    """Ask whether the nearest known name is meant, or say something else where none is near.
-
-    The cutoff is as of `difflib.get_close_matches`; `before` stands before every name.
-    """
-    near = difflib.get_close_matches(str(name), known, n=1, cutoff=cutoff)
-    return f"did you mean {before}{near[0]}?" if near else otherwise
+def hint(name: Any, known: typing.Iterable[str], otherwise: str) -> str:
+    """Ask whether the nearest known name is meant, or say something else where none is near."""
+    near = difflib.get_close_matches(str(name), known, n=1, cutoff=ONE_SLIP_IN_FOUR)
+    return f"did you mean {near[0]}?" if near else otherwise
 
 
 def unknown(key: Any, known: typing.Collection[str], where: str) -> ValueError:

@@ -135,7 +135,7 @@ def _by_layout(
         estimate = None
         if not found.reason:
             estimate = Estimate(
-                found.pose, found.covariance, math.nan, None, math.nan, found.misfit
+                found.pose, found.covariance, math.nan, None, math.nan, misfit=found.misfit
             )
         return Answer(int(recording.stamps_ns[i]), estimate, None, found.reason)
 

@@ -371,27 +371,27 @@ class ImageFit:
                 slopes = stds * near.pose_slopes(*prior, self._constants.gain_std)
                 covariance = covariance + clear * slopes @ slopes.T
         # A reading at full scale says only how little the light is at least, which is not linear.
-        below = image.readings.max() < self._model.noise.high
-        if near and not (clear > CLEAR and below):
+        if near and not (clear > CLEAR and image.readings.max() < self._model.noise.high):
             near = None
         dark, left_out = self._left_out(result.weights)
+        unobservable = covariance.diagonal() > self._unobservable_variance
         return Estimate(
-            pose,
-            covariance,
-            result.angle,
-            None if math.isnan(result.runner_up_score) else result.runner_up,
-            result.runner_up_angle,
-            float(ndtr(-result.score)),
-            float(ndtr(-result.runner_up_score)),
-            tuple(compress(DOF_NAMES, covariance.diagonal() > self._unobservable_variance)),
-            near,
-            clear,
-            left_out,
-            float(rolls[0]) if len(rolls) else 0.0,
-            result.covariance[:, 5] if len(rolls) else None,
-            dark,
-            main.frame.weights,
-            near is not None and not main.nearly_gaussian,
+            pose=pose,
+            covariance=covariance,
+            angle_rad=result.angle,
+            runner_up_pose=None if math.isnan(result.runner_up_score) else result.runner_up,
+            runner_up_angle_rad=result.runner_up_angle,
+            misfit=float(ndtr(-result.score)),
+            runner_up_misfit=float(ndtr(-result.runner_up_score)),
+            unobservable=tuple(compress(DOF_NAMES, unobservable)),
+            readings=near,
+            clear=clear,
+            left_out=left_out,
+            roll=float(rolls[0]) if len(rolls) else 0.0,
+            turn=result.covariance[:, 5] if len(rolls) else None,
+            dark_lamp=dark,
+            believed=main.frame.weights,
+            bent=near is not None and not main.nearly_gaussian,
         )
 
     def _left_out(self, weights: Array) -> tuple[int | None, tuple[tuple[int, int], ...]]:

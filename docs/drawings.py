@@ -207,7 +207,7 @@ def image(left_px: float, top_px: float) -> list[str]:
 def nodes(topics: Sequence[tuple[str, bool, str, str]]) -> str:
     """Return the drawing of the nodes and of what they publish and subscribe to.
 
-    `topics` are node, whether published, name and type, as ``generate_reference.all_topics``.
+    `topics` are node, whether published, name and type, as ``reference_pages.nodes.all_topics``.
     """
     names = {node for node, *_ in topics}
     order = [f"{name}_node" for name in PIPELINE if f"{name}_node" in names]

@@ -9,9 +9,9 @@ import signal
 import pytest
 from command_line import PROGRAM, assert_picture, begun, ended, run
 from conftest import PATIENCE_S
-from generated import reference
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
+from reference_pages.commands import command_parsers
 
 from uuv_optical_array.commands import build_parser
 from uuv_optical_array.core.messages import stamp_ns
@@ -27,7 +27,7 @@ def follow(*words, start_s=PATIENCE_S):
 
 
 def test_help_explains_every_option_and_shows_examples_that_can_be_typed():
-    parsers = list(reference.command_parsers(build_parser()))
+    parsers = list(command_parsers(build_parser()))
     assert len(parsers) == len({parser.prog for parser in parsers}) == 22
     for parser in parsers:
         for action in parser._actions:

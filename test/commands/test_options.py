@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 import pytest
 from command_line import run, text_of
-from generated import reference
 from hypothesis import given
 from hypothesis import strategies as st
+from reference_pages.commands import command_parsers
 
 import uuv_optical_array
 from uuv_optical_array.cli import options
@@ -81,7 +81,7 @@ def test_help_gives_text_unit_and_default(capsys):
 
 
 def test_every_default_is_a_value_that_its_option_takes():
-    for parser in reference.command_parsers(build_parser()):
+    for parser in command_parsers(build_parser()):
         for action in parser._actions:
             if action.type is not None and isinstance(action.default, int | float):
                 value = action.type(str(action.default))
@@ -94,7 +94,7 @@ def test_the_name_of_a_study_alone_says_how_it_is_called():
 
 
 def test_each_command_that_writes_takes_the_short_name_of_its_output():
-    helps = [parser.format_help() for parser in reference.command_parsers(build_parser())]
+    helps = [parser.format_help() for parser in command_parsers(build_parser())]
     long = [text for text in helps if "  --output" in text or ", --output" in text]
     assert len(long) > 10
     assert not [text for text in long if "  -o " not in text]

@@ -7,8 +7,8 @@ import shlex
 import numpy as np
 import pytest
 import yaml
-from generated import reference
 from pages import FENCED, PACKAGE, PAGES, ROOT, without_blocks
+from reference_pages.nodes import all_topics, launch_arguments, node_modules
 from scenes import coarse
 
 from uuv_optical_array import build_table
@@ -21,15 +21,15 @@ BLOCKS = [
     for page in PAGES
     for number, (language, block) in enumerate(FENCED.findall(page.read_text(encoding="utf-8")))
 ]
-PARAMETERS = {name: getattr(module, "PARAMETERS", {}) for name, module in reference.node_modules()}
+PARAMETERS = {name: getattr(module, "PARAMETERS", {}) for name, module in node_modules()}
 PARTS = {"follower_node": ("feature_node", "estimator_node", "formation_node")}
 PARAMETERS["follower_node"] = {
     name: parameter
     for node in PARTS["follower_node"]
     for name, parameter in PARAMETERS[node].items()
 }
-ARGUMENTS = dict(reference.launch_arguments())
-TOPICS = reference.all_topics()
+ARGUMENTS = dict(launch_arguments())
+TOPICS = all_topics()
 
 
 def check_run(node, words):

@@ -3,8 +3,8 @@
 import re
 
 import pytest
-from generated import reference
 from pages import FENCED, PACKAGE, PAGES, ROOT, without_blocks
+from reference_pages.commands import command_parsers
 
 from uuv_optical_array.commands import build_parser
 
@@ -29,7 +29,7 @@ def options_of_commands():
     """Return the options of each command of ``uuv_array``, by its name."""
     return {
         parser.prog.removeprefix("uuv_array "): set(parser._option_string_actions)
-        for parser in reference.command_parsers(build_parser())
+        for parser in command_parsers(build_parser())
     }
 
 

@@ -1,23 +1,12 @@
 """The film of the first page is one, and is drawn by its command from the closed loop."""
 
-import sys
-
+import film
 import numpy as np
-import pytest
 from pages import ROOT
 from PIL import Image
 
 from uuv_optical_array.control.follow_states import COLOURS
 from uuv_optical_array.studies.closed_loops.kinds import kinds_named
-
-
-@pytest.fixture
-def film(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "docs")
-    import film
-
-    yield film
-    del sys.modules["film"]
 
 
 def test_the_film_that_is_shown_is_short_and_below_a_megabyte():
@@ -33,7 +22,7 @@ def test_the_film_that_is_shown_is_short_and_below_a_megabyte():
 
 
 def test_a_film_shows_the_lamp_off_and_the_state_in_its_colour(
-    film, compiled_fit, tmp_path, monkeypatch, capsys
+    compiled_fit, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.setattr(film, "STEPS", 10)  # a frame a second
     monkeypatch.setattr(film, "AFTER_S", 2.0)

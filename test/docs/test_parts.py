@@ -1,16 +1,16 @@
 """The parts of the guide fit each other, and guide, schematic and firmware name the same ones."""
 
-import importlib
 import math
 import re
 from xml.etree import ElementTree
 
 import numpy as np
+import parts
+import parts_list
 import pytest
-from generated import reference
+from generate_reference import drawing
 from pages import ROOT
 
-parts, parts_list = map(importlib.import_module, ("parts", "parts_list"))
 GUIDE = (ROOT / "docs/how_to/build_instrument.md").read_text(encoding="utf-8")
 WHY = (ROOT / "docs/explanation/instrument.md").read_text(encoding="utf-8")
 BOARD = (ROOT / "examples/teensy41_board.cpp").read_text(encoding="utf-8")
@@ -105,7 +105,7 @@ def test_the_amplifier_of_the_reference_is_stable():
 def test_what_is_drawn_and_told_beside_the_parts_is_ordered():
     """Values of resistors and capacitors, and what the steps of building use."""
     whats = " ".join(part.what for group in parts_list.PARTS.values() for part in group)
-    drawn = ElementTree.fromstring(reference.drawing("schematic.svg")).itertext()
+    drawn = ElementTree.fromstring(drawing("schematic.svg")).itertext()
     values = set(re.findall(r"\b[\d.]+ (?:MOhm|kOhm|ohm|pF|nF|uF)\b", " ".join(drawn)))
     assert len(values) == 7
     for value in values:
@@ -125,7 +125,7 @@ def test_the_budget_has_the_figures_of_the_parts():
 
 def test_guide_and_schematic_name_the_parts_that_are_ordered():
     orders = [part.order for group in parts_list.PARTS.values() for part in group]
-    drawn = ElementTree.fromstring(reference.drawing("schematic.svg")).itertext()
+    drawn = ElementTree.fromstring(drawing("schematic.svg")).itertext()
     drawn = " ".join("".join(drawn).split())
     for name in ("LDD-700H", "BPW34", "OPA376", "ADS131M08", "TSR 1-2450", "Teensy 4.1"):
         assert any(name in order for order in orders), name

@@ -3,9 +3,11 @@
 import ast
 from xml.etree import ElementTree
 
+import generate_reference as reference
 import rclpy
 from command_line import run, text_of
-from generated import reference
+from reference_pages.markdown import first_sentence, shown, table
+from reference_pages.nodes import all_topics, value_of
 
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 
@@ -36,7 +38,7 @@ def test_an_arrow_goes_from_each_publisher_to_each_subscriber():
         near = min(columns, key=lambda column: abs(column - x))
         if abs(near - x) <= 15:
             found.add((columns[near], mark.get("stroke") is None, names[y][0][1]))
-    assert found == {topic[:3] for topic in reference.all_topics()}
+    assert found == {topic[:3] for topic in all_topics()}
 
 
 def test_the_schema_of_scenes_is_what_the_command_prints():
@@ -61,24 +63,24 @@ def test_topics_of_a_node_are_those_that_ros_knows():
         node.destroy_node()
     finally:
         rclpy.try_shutdown()
-    read = [topic for topic in reference.all_topics() if topic.node == "vehicles_node"]
+    read = [topic for topic in all_topics() if topic.node == "vehicles_node"]
     for published, topic, kind in known:
         same = [f"/{one.name}" for one in read if (one.published, one.kind) == (published, kind)]
         assert topic in same or any("<" in name for name in same), topic
 
 
 def test_a_bar_in_a_cell_and_a_missing_default_stay_in_their_cell():
-    assert reference.table(("a", "b"), [("x | y", "")]).splitlines()[-1] == r"| x \| y |  |"
-    assert reference.shown(None) == ""
-    assert reference.shown(0) == "0"
-    assert reference.first_sentence("Law of ``a`` et al. (2016). More.\n\nRest.") == (
+    assert table(("a", "b"), [("x | y", "")]).splitlines()[-1] == r"| x \| y |  |"
+    assert shown(None) == ""
+    assert shown(0) == "0"
+    assert first_sentence("Law of ``a`` et al. (2016). More.\n\nRest.") == (
         "Law of `a` et al. (2016)"
     )
 
 
 def test_a_name_that_a_node_works_out_is_shown_as_it_is_written():
     told = [ast.parse(text, mode="eval").body for text in ("topic", "f'{LEADER}/odometry'")]
-    assert [reference.value_of(one, {"LEADER": "leader"}) for one in told] == [
+    assert [value_of(one, {"LEADER": "leader"}) for one in told] == [
         "<topic>",
         "leader/odometry",
     ]

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from generated import reference
+from generate_reference import drawing
 from pages import ROOT
 
 from uuv_optical_array.forward.scene import load_scene
@@ -44,7 +44,7 @@ def test_seats_lie_and_look_as_the_law_of_the_array_says(name, tmp_path):
 
 def test_the_table_of_the_drawing_has_the_corners_coordinates():
     """0.32 m, and 0.2 m to port and up: by Pythagoras and the arc tangent."""
-    drawn = ElementTree.fromstring(reference.drawing("sphere.svg"))
+    drawn = ElementTree.fromstring(drawing("sphere.svg"))
     texts = [text.text for text in drawn.iter(f"{SPACE}text")]
     (line,) = [text for text in texts if text.startswith(" 0  ")]
     x = (320**2 - 2 * 200**2) ** 0.5

@@ -7,7 +7,7 @@ import re
 import jsonschema
 import pytest
 from effect_settings import middle_settings
-from generated import reference
+from generate_reference import schema_text
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scenes import READY
@@ -19,7 +19,7 @@ from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.scene import GROUPS, load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import Layer, merged, scene_file
 
-SCHEMA = json.loads(reference.schema_text())
+SCHEMA = json.loads(schema_text())
 VALIDATOR = jsonschema.Draft7Validator(SCHEMA)
 reproducible = settings(max_examples=200)
 

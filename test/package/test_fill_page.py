@@ -4,12 +4,9 @@ import re
 import sys
 
 import command_line
-import pytest
-from generated import DOCS
-from pages import PAGES
-
-sys.path.append(str(DOCS))
 import fill_page
+import pytest
+from pages import PAGES
 
 WORDS = ["uuv_array", "scenes", "plume"]
 BEGIN = fill_page.BEGIN.format("uuv_array scenes plume")

@@ -5,7 +5,8 @@ import importlib
 from pathlib import Path
 
 import pytest
-from generated import reference
+from causes import CAUSES
+from reference_pages.diagnostics import VALUES
 
 from uuv_optical_array.nodes import estimator_node
 from uuv_optical_array.nodes.shared import reasons
@@ -70,7 +71,7 @@ def test_every_text_in_the_code_is_of_a_kind_in_the_list():
 
 
 def test_the_documents_have_a_cause_of_every_kind_and_of_no_other():
-    assert reference.CAUSES.keys() == reasons.CURES.keys()
+    assert CAUSES.keys() == reasons.CURES.keys()
 
 
 def test_every_kind_in_the_list_is_in_the_code():
@@ -120,5 +121,5 @@ def test_the_list_of_values_has_every_value():
         given |= {key for key in keys(path) if key not in parameters_of(path)}
     given -= NO_VALUES
     assert {"answered", "learnt_", "std_", "table_margin", "Actual frequency (Hz)"} <= given
-    listed = "".join(names for names, *_ in reference.VALUES)
+    listed = "".join(names for names, *_ in VALUES)
     assert [key for key in sorted(given) if f"`{key}" not in listed] == []

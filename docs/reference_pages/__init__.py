@@ -1,0 +1,1 @@
+"""The pages of the reference, by what they are made of."""

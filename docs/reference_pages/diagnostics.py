@@ -1,0 +1,109 @@
+"""The page of the texts and values that nodes show on ``/diagnostics``."""
+
+from collections import Counter
+from collections.abc import Mapping
+
+from causes import CAUSES
+
+from uuv_optical_array.nodes.shared import reasons
+
+# Values on ``/diagnostics``: names as Markdown, nodes that show them, and what they mean.
+VALUES = (
+    ("`answered`, `refused`, `refused: ...`", "all", "messages, refused ones also by kind"),
+    ("`taken`", "formation", "poses received; `answered` counts commands"),
+    ("`passed_over`", "feature in `follower_node`, estimator", "images left out for a newer one"),
+    (
+        "`Events in window`, `Events since startup`, `Duration of window (s)`, "
+        "`Actual frequency (Hz)`",
+        "all",
+        "answers and their rate",
+    ),
+    (
+        "`Earliest timestamp delay:`, `Latest timestamp delay:`",
+        "all",
+        "age of a stamp at the answer, s",
+    ),
+    ("`Timestamp jitter (s)`", "all", "standard deviation of the time between stamps"),
+    ("`cure: ...`", "all", "what to do about each text"),
+    ("`peak_counts`", "simulator, feature", "brightest detector, counts"),
+    (
+        "`light_level`, `saturated_share`",
+        "feature",
+        "brightest detector (near 0: dim), and share of those at full scale",
+    ),
+    ("`range_m`", "simulator, formation", "distance behind the lamp, m"),
+    ("`sea`", "simulator", "differences of the simulated sea from the scene"),
+    (
+        "`method`, `fit`",
+        "estimator",
+        "the method; its fit: `compiled`, or slower, in Python, `as it stands`",
+    ),
+    (
+        "`angle_rad`, `runner_up_angle_rad`",
+        "estimator",
+        "spectral angle to the best signature, and to the runner-up",
+    ),
+    (
+        "`misfit`, `runner_up_misfit`",
+        "estimator",
+        "probability of larger residuals in this scene; near 0 the sea differs from it",
+    ),
+    ("`unobservable`", "estimator", "degrees of freedom that the image hardly shows"),
+    (
+        "`std_x`, `std_y`, `std_z`, `std_pitch`, `std_yaw`",
+        "estimator",
+        "standard deviation, m and rad",
+    ),
+    (
+        "`table_margin`",
+        "estimator",
+        "place in the `table`, and its axis: 1 in the middle, 0 at the edge, < 0 beyond",
+    ),
+    (
+        "`own_motion`",
+        "estimator",
+        "whether `cmd_vel` is used: `told`; `not told`, where none came for `command_timeout_s`, "
+        "or by another clock; `contradicted` by the images and not used: the follower does not "
+        "obey, or it is not in m/s and rad/s along its own axes; if that lasts, set "
+        "`use_commands` to false",
+    ),
+    ("`range`", "estimator", "difference of the last range from the track, and whether it is used"),
+    ("`learnt_...`", "estimator", "estimate of a constant by the track"),
+    ("`scene_...`", "estimator", "value to write into the scene, where the sea differs"),
+)
+
+
+def diagnostics() -> list[str]:
+    """Return the page of the texts that nodes show."""
+    parts = [
+        "# Diagnostics",
+        "The texts on `/diagnostics`, by their beginning, with cause and, in italics, cure. The "
+        "topic and a comma may stand before a text. [Operations](../how_to/operations.md) says "
+        "where to begin.",
+    ]
+    for heading, kinds in (
+        ("Refused messages", reasons.REFUSALS),
+        ("Warnings that last", reasons.WARNINGS),
+        ("Errors", reasons.ERRORS),
+    ):
+        parts += [f"## {heading}", *reason_lists(kinds)]
+    return [
+        *parts,
+        "## Values",
+        "Counts are since the start, all else of the last answered message or second. The nodes "
+        "are in brackets.",
+        "\n".join(f"- {names} ({of}): {meaning}" for names, of, meaning in VALUES),
+    ]
+
+
+def reason_lists(cures: Mapping[str, str]) -> list[str]:
+    """Return a list of causes and cures, and one for each cure that many kinds share."""
+    common = [cure for cure, count in Counter(cures.values()).items() if count > 1]
+    lines = [
+        f"- `{kind}`: {CAUSES[kind]} *{cure}*" for kind, cure in cures.items() if cure not in common
+    ]
+    parts = ["\n".join(lines)]
+    for cure in common:
+        causes = [f"- `{kind}`: {CAUSES[kind]}" for kind in cures if cures[kind] == cure]
+        parts += [f"*{cure}*", "\n".join(causes)]
+    return parts

@@ -1,0 +1,64 @@
+"""The pages of what the closed loops and seas of the studies differ in."""
+
+import re
+from collections.abc import Mapping, Sequence
+
+from uuv_optical_array.studies.closed_loops.kinds import KINDS as TROUBLES
+from uuv_optical_array.studies.mismatches.kinds import KINDS
+
+# What differs between the texts of alike kinds of mismatch.
+SIZE = re.compile(r"(\d+(?:\.\d+)?|less|more)")
+
+
+def mismatches() -> list[str]:
+    """Return the page of the kinds of mismatch, by what to do about them."""
+    parts = [
+        "# Kinds of mismatch",
+        "How the sea can differ from the scene in `uuv_array study robustness` "
+        "([results](../results/robustness.md)), and in italics what to do about it. In brackets "
+        "are standard deviations of the prior `known: calibrated`.",
+    ]
+    for cure in dict.fromkeys(kind.cure for kind in KINDS):
+        named = {
+            f"`{kind.name}`"
+            + ("" if kind.times_prior is None else f" [{kind.times_prior:.2g}]"): kind.what
+            for kind in KINDS
+            if kind.cure == cure
+        }
+        parts += [folded(named), f"*{cure}*"]
+    return parts
+
+
+def troubles() -> list[str]:
+    """Return the page of the kinds of trouble, by group."""
+    parts = [
+        "# Kinds of trouble",
+        "What befalls a follower in `uuv_array study envelope` "
+        "([results](../results/envelope.md)). The estimator is not told. The leader sets off once "
+        "all followers are locked, and where nothing else is said goes at 0.5 m/s: straight on in "
+        "the groups Darkness and Leader and in a chain, else on the demonstration's path. From "
+        "then on the trouble begins after 15 s, or after 20 s where ours goes out beside another "
+        "lamp. Wrong detectors, currents, speeds and equal lamps aside are there from the start.",
+    ]
+    for group in dict.fromkeys(kind.group for kind in TROUBLES):
+        named = {f"`{kind.name}`": kind.what for kind in TROUBLES if kind.group == group}
+        parts += [f"## {group.capitalize()}", folded(named)]
+    return parts
+
+
+def folded(named: Mapping[str, str]) -> str:
+    """Return a list of names and what they mean, where what differs by sizes alone is one."""
+    alike: dict[str, list[str]] = {}
+    for name, what in named.items():
+        alike.setdefault(SIZE.sub("", what), []).append(name)
+    lines = []
+    for names in alike.values():
+        words = zip(*(SIZE.split(named[name]) for name in names), strict=True)
+        what = "".join(one_of(list(dict.fromkeys(word))) for word in words)
+        lines.append(f"- {', '.join(names)}: {what}")
+    return "\n".join(lines)
+
+
+def one_of(words: Sequence[str]) -> str:
+    """Return words as a list in a sentence."""
+    return " or ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)

@@ -26,9 +26,11 @@ from uuv_optical_array.commands.view import address
 from uuv_optical_array.control.following import State
 from uuv_optical_array.estimation.pipeline import Answer
 from uuv_optical_array.view.browser import Browser, installed
-from uuv_optical_array.view.page import Page, Slider, headline, known, words
+from uuv_optical_array.view.charts import known
+from uuv_optical_array.view.page import Page, Slider
 from uuv_optical_array.view.shapes import ellipsoid
 from uuv_optical_array.view.sight import WINDOW_S, Sight, Window, note_on
+from uuv_optical_array.view.words import headline, words
 
 TRUE = np.array([-6.0, 0.3, -0.2, 0.1, 3.1])
 STATE = "coasting for 5 s", "the lamp is hidden"

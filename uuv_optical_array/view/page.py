@@ -11,7 +11,6 @@ import secrets
 import socket
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
-from html import escape
 from io import StringIO
 from typing import Any, NamedTuple
 
@@ -21,35 +20,28 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.follow_states import COLOURS
-from uuv_optical_array.control.following import State
 from uuv_optical_array.core import geometry
 from uuv_optical_array.core.extras import needs
-from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, PITCH, YAW, Array
+from uuv_optical_array.core.geometry import PITCH, YAW, Array
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.plots.follow import FOLLOWERS, LEADER
 from uuv_optical_array.plots.style import IMAGES
 from uuv_optical_array.view import LOOPBACK, PORT
+from uuv_optical_array.view.charts import ESTIMATE, Charts
 from uuv_optical_array.view.guard import guarded
 from uuv_optical_array.view.shapes import beams, body, ellipsoid
 from uuv_optical_array.view.sight import Sight, Window
+from uuv_optical_array.view.words import headline, words
 
 PORTS_TRIED = 1000
-LEGEND = (
-    "<div style='font-size:12px;padding:6px 10px'><span style='color:#ffffff'>&#9679;</span> "
-    "{} &nbsp; <span style='color:{}'>&#9679;</span> three sigma{}</div>"
-)
-FORMS = [".2f" if unit == "m" else ".1f" for unit in DOF_UNITS]
 CHARTS_EVERY = 3  # sights; drawing the charts takes ten times as long as the rest
 PATH_POINTS = 300  # of a vehicle's path behind it
 STEP_M = 0.2  # between them
 FLOOR_M, SECTION_M = 2.5, 5.0  # below where the leader starts; of the lines on it
-NIGHT, LAMP, ESTIMATE = (7, 24, 46), (255, 214, 110), "#5fe39a"  # on a dark ground
-ERRORS = LEGEND.format("estimate less truth", ESTIMATE, " about 0")
-ESTIMATES = LEGEND.format("estimate", ESTIMATE, "; the truth is not known")
-WIDTH_PX, CHART_PX, LEFT_PX, IMAGE_PX = 360, 90, 300, 250
+NIGHT, LAMP = (7, 24, 46), (255, 214, 110)
+WIDTH_PX, LEFT_PX, IMAGE_PX = 360, 300, 250
 GAPS = (0, 0), (0, 2), (0, 0)  # pixels beside the image of each lamp
 
 
@@ -166,30 +158,8 @@ class Page:
         right = gui.add_panel()
         right.dock_right()
         right.set_width(WIDTH_PX)
-        values = _dots("value", "#ffffff"), _dots("-3 sigma", ESTIMATE), _dots("+3 sigma", ESTIMATE)
-        titles = [f"{name} ({unit})" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True)]
-        full = math.floor(self._scene.full_scale_counts)
-        light = f"light: brightest detector (of {full:g} counts)"
         with right.add_tab("last minute"):
-            self._what = gui.add_html(ESTIMATES)
-            self._charts = [self._chart(title, *values) for title in titles]
-            self._light = self._chart(light, _dots("peak", "#ffd66e"), y={"range": (0.0, full)})
-
-    def _chart(self, title: str, *series: dict[str, Any], y: dict[str, Any] | None = None) -> Any:
-        """Return a chart of several values over time; without a range it scales itself."""
-        text = {"font": "11px sans-serif", "stroke": "#c8d4e4"}
-        small = {**text, "grid": {"stroke": "#ffffff18"}, "ticks": {"size": 4}}
-        return self._server.gui.add_uplot(
-            known(*np.zeros((1 + len(series), 0))),
-            ({"label": "time (s)"}, *series),
-            title=title,
-            height=CHART_PX,
-            padding=(8, 10, 0, 0),
-            scales={"x": {"time": False}, "y": y or {}},
-            legend={"show": False},
-            cursor={"show": False},
-            axes=({**small, "size": 28}, {**small, "size": 44, "space": 11}),
-        )
+            self._charts = Charts(gui, self._scene.full_scale_counts)
 
     def add_sliders(
         self, title: str, sliders: Sequence[Slider], on_change: Callable[[list[float]], None]
@@ -254,7 +224,7 @@ class Page:
                 self._show_image(sight.image)
             self._drawn += 1
             if begins or self._drawn % CHARTS_EVERY == 0:
-                self._show_charts()
+                self._charts.show(self._window)
 
     def remember(self, sights: Sequence[Sight]) -> None:
         """Replace what the charts show by these sights."""
@@ -262,15 +232,7 @@ class Page:
         for sight in sights:
             self._window.add(sight)
         if sights:
-            self._show_charts()
-
-    def _show_charts(self) -> None:
-        what = ERRORS if self._window.has_truth else ESTIMATES
-        if self._what.content != what:
-            self._what.content = what
-        for dof, chart in enumerate(self._charts):
-            chart.data = known(*self._window.bands(dof))
-        self._light.data = known(*self._window.peaks())
+            self._charts.show(self._window)
 
     def _show_image(self, image: Array) -> None:
         self._detectors.colors = _coloured(together(image)).reshape(-1, 3)
@@ -327,50 +289,6 @@ class Page:
         scene.add_line_segments(name, segments, _rgb(colour), thickness=0.03)
 
 
-def headline(state: State | None, t_s: float, again: str = "") -> str:
-    """Return what the follower does at a time, s, big and in its colour, as HTML.
-
-    - again: what an operator does about a leader that is lost; empty: nothing here.
-    """
-    text, why, colour = "&nbsp;", "&nbsp;", "#ffffff"
-    if state is not None:
-        lasted_s = t_s - state.since_s
-        text = state.name if math.isnan(lasted_s) else f"{state.name} for {max(lasted_s, 0):.0f} s"
-        text = f"lost: {again}" if state.name == "lost" and again else text
-        why, colour = escape(state.reason), COLOURS[state.name]
-    # Two lines for why, so that what is below keeps its place.
-    small = "font-size:12px;line-height:1.3;height:2.6em;overflow:hidden"
-    return (
-        f"<div style='padding:6px 10px 0'><b style='font-size:22px;color:{colour}'>{text}</b>"
-        f"<div style='{small}'>{why}</div></div>"
-    )
-
-
-def words(sight: Sight, poses: int, images: int) -> str:
-    """Return the numbers of an instant, as HTML, and of how many last images have a pose."""
-    unknown = np.full(5, np.nan)
-    pose = unknown if sight.pose is None else sight.pose * IN_DEGREES
-    lines = [("estimate", pose, "+"), ("sigma", sight.stds(), "")]
-    if sight.true_pose is not None:
-        lines.insert(0, ("true", sight.true_pose * IN_DEGREES, "+"))
-    rows = [["", *(f"{name}<br>{unit}" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True))]]
-    for name, values, sign in lines:
-        numbers = zip(values, FORMS, strict=True)
-        # Without an estimate its lines stay, so that what is below keeps its place.
-        cells = ["&ndash;" if np.isnan(n) else f"{n:{sign}{form}}" for n, form in numbers]
-        rows.append([name, *cells])
-    cell = "<td style='text-align:right;padding:1px 3px'>"
-    table = "".join(f"<tr>{''.join(f'{cell}{x}</td>' for x in row)}</tr>" for row in rows)
-    peak = "" if sight.image is None else f"brightest detector {sight.image.max():g} counts"
-    return (
-        "<div style='font-size:12px;padding:6px 10px'>"
-        f"<b>{sight.t_s:.1f} s</b> &nbsp; {peak}<br><table>{table}</table>"
-        f"{poses} of the last {images} images have a pose<br>"
-        f"<div style='min-height:2.8em;font-weight:bold;color:#ffb070'>{escape(sight.note)}</div>"
-        "</div>"
-    )
-
-
 def _free_port(host: str, port: int) -> int:
     """Return the first free port from `port` on; viser waits for ever for a bad address."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -385,21 +303,6 @@ def _free_port(host: str, port: int) -> int:
                     f"{LOOPBACK}, or 0.0.0.0 for the network, and a port above 1023"
                 ) from None
     raise ValueError(f"port: none is free from {port} on; give another")
-
-
-def _dots(label: str, colour: str) -> dict[str, Any]:
-    """Return a series of dots: a line would bridge gaps."""
-    points = {"show": True, "size": 2.5, "width": 0, "fill": colour}
-    return {"label": label, "stroke": colour, "width": 0, "points": points}
-
-
-def known(t_s: Array, *values: Array) -> tuple[Array, ...]:
-    """Return times at which all values are known, and these; nan for one, which sets no scale."""
-    rows = np.stack([t_s, *values])
-    rows = rows[:, np.isfinite(rows).all(axis=0)]
-    if rows.shape[1] < 2:
-        return (np.array([0.0, 1.0]), *np.full((len(values), 2), np.nan))
-    return tuple(rows)
 
 
 def _place(frame: Any, position: Array, turn: Array) -> None:

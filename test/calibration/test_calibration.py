@@ -28,7 +28,7 @@ from scipy import optimize, stats
 
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import reading_variance
+from uuv_optical_array.forward.noise import reading_variance
 from uuv_optical_array.forward.scene import load_scene, save_scene
 
 reproducible = settings(max_examples=12)

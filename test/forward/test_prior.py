@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad
 
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import ReadingNoise, reading_variance, variance_slope
+from uuv_optical_array.forward.noise import ReadingNoise, reading_variance, variance_slope
 from uuv_optical_array.forward.prior import shade_modes
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 

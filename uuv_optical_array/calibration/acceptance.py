@@ -12,7 +12,7 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimate import Estimate
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import reading_variance
+from uuv_optical_array.forward.noise import reading_variance
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
 SETTLE_S, LAMP_S = 5.0, 5.0  # of steady light: while hands leave the array, and what is tested

@@ -34,7 +34,7 @@ from uuv_optical_array.forward.beam import gaussians_of
 from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.link_budget import Instrument, keys, least_watts, scene_with
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import reading_variance
+from uuv_optical_array.forward.noise import reading_variance
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.scene_files import EXTENDS, is_file_name, scene_file
 from uuv_optical_array.forward.working_volume import SPECIFIED, SPECIFIED_TEXT

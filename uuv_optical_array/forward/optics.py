@@ -13,7 +13,6 @@ from numpy import sqrt
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import (
     beside,
-    choose,
     exp,
     indices,
     law,
@@ -61,26 +60,6 @@ BEER, LENS, HOUSING, PORT = range(4)
 # Kinds of step on the array.
 BACKGROUND, GAIN, BLUR, SHADE = range(4)
 LEAST_DEPTH = 1e-6  # squared, of a detector on the sphere's rim, as a share of the radius
-# A scene without noise is read as if to a thousandth of a count.
-MIN_VARIANCE = 1e-6
-
-
-class ReadingNoise(NamedTuple):
-    """How a scene's readings differ from the light.
-
-    - variance, slope, square: variance of a reading in the dark, counts^2, with rounding; its
-      growth with the light, counts, and with its square: the variance of what is relative to it.
-    - low, high: limits of the readings, counts: at `low` or below, the light was at most `low` +
-      0.5, at `high` or above at least `high` - 0.5.
-    - black: reading of darkness, counts, which is no light.
-    """
-
-    variance: float
-    slope: float
-    low: float
-    high: float
-    square: float = 0.0
-    black: float = 0.0
 
 
 class Optics(NamedTuple):
@@ -474,18 +453,3 @@ def detect(optics: Optics, nuisances: Any, image: Any) -> None:
                     image[first + place, j] += values[j] * image[0, j]
         else:
             sandwich(optics.blur, image)
-
-
-@law
-def reading_variance(light: Any, noise: ReadingNoise) -> Any:
-    """Variance of a reading, counts^2, by its light, counts (Eren et al. 2016, eq. 7)."""
-    lit = maximum(light - noise.black, 0.0)
-    return maximum(noise.variance + (noise.slope + noise.square * lit) * lit, MIN_VARIANCE)
-
-
-@law
-def variance_slope(light: Any, noise: ReadingNoise) -> Any:
-    """Slope of `reading_variance` by the light, counts; at an edge that of the darker side."""
-    lit = maximum(light - noise.black, 0.0)
-    grows = noise.variance + (noise.slope + noise.square * lit) * lit > MIN_VARIANCE
-    return choose((lit > 0) & grows, noise.slope + 2 * noise.square * lit, 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.effects import forms
 from uuv_optical_array.forward.effects.electronics import detection, largest_demodulated
-from uuv_optical_array.forward.optics import ReadingNoise, reading_variance, variance_slope
+from uuv_optical_array.forward.noise import ReadingNoise, reading_variance, variance_slope
 from uuv_optical_array.forward.prior import AMBIENT
 from uuv_optical_array.forward.scene import Scene
 
@@ -69,7 +69,7 @@ class Readout:
     def variance(self, light: Array) -> tuple[Array, Array]:
         """Variance of readings by all noise and by rounding (eq. 7), and its slope by the light.
 
-        Both have the shape of `light`, in counts^2 (>= `optics.MIN_VARIANCE`) and counts.
+        Both have the shape of `light`, in counts^2 (>= `noise.MIN_VARIANCE`) and counts.
         """
         return reading_variance(light, self.noise), variance_slope(light, self.noise)
 

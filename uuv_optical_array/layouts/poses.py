@@ -14,7 +14,7 @@ from scipy.special import chdtrc
 from uuv_optical_array.calibration.likelihood.aims import appearing
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.estimation.information.likelihood import information
-from uuv_optical_array.forward.optics import reading_variance
+from uuv_optical_array.forward.noise import reading_variance
 from uuv_optical_array.forward.prior import GRADIENTS, ROLL
 from uuv_optical_array.layouts.detectors import Layout
 from uuv_optical_array.layouts.posterior import Row, refine

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from uuv_optical_array.core.geometry import PITCH, Array
 from uuv_optical_array.core.numerics.gauss_newton import minimiser
 from uuv_optical_array.estimation.information.likelihood import log_likelihood
-from uuv_optical_array.forward.optics import ReadingNoise
+from uuv_optical_array.forward.noise import ReadingNoise
 
 STEPS, SETTLED = 40, 1e-5  # of the refinement; decrement of the cost
 LEAST_ABEAM = 0.49 * np.pi

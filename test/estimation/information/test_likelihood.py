@@ -16,7 +16,7 @@ from uuv_optical_array.estimation.information.likelihood import (
     likelihood_of,
     log_likelihood,
 )
-from uuv_optical_array.forward.optics import MIN_VARIANCE, ReadingNoise
+from uuv_optical_array.forward.noise import MIN_VARIANCE, ReadingNoise
 
 pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.usefixtures("strict_arithmetic")]
 

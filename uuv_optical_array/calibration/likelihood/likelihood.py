@@ -16,7 +16,7 @@ from uuv_optical_array.calibration.likelihood.parameters import BOUGHT
 from uuv_optical_array.core.geometry import PITCH, Array
 from uuv_optical_array.estimation.information.likelihood import information, log_likelihood
 from uuv_optical_array.forward.array import DetectorArray
-from uuv_optical_array.forward.optics import reading_variance
+from uuv_optical_array.forward.noise import reading_variance
 from uuv_optical_array.forward.scene import Scene
 
 BLOCK_READINGS = 100_000

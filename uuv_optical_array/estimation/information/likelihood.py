@@ -9,7 +9,7 @@ from scipy.special import erfcx, log_ndtr, ndtr
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import choose, indices, indices_where, law
-from uuv_optical_array.forward.optics import ReadingNoise, reading_variance, variance_slope
+from uuv_optical_array.forward.noise import ReadingNoise, reading_variance, variance_slope
 
 FAR = 35.0  # standard deviations inside, where a limit says nothing
 ASYMPTOTIC = -37.0  # below this the series of Mills's ratio is right to 2e-12

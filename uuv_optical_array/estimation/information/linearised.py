@@ -19,7 +19,8 @@ from uuv_optical_array.core.numerics.elementwise import borrowed, zeros
 from uuv_optical_array.core.numerics.linear_algebra import solve
 from uuv_optical_array.estimation.information.likelihood import likelihood_of
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import Optics, ReadingNoise, detect, write_light
+from uuv_optical_array.forward.noise import ReadingNoise
+from uuv_optical_array.forward.optics import Optics, detect, write_light
 from uuv_optical_array.forward.prior import ROLL
 
 LEAST_CURVATURE = 1e-12  # of a reading's log-likelihood, 1/counts^2, below which it says nothing

@@ -23,7 +23,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     start_at,
 )
 from uuv_optical_array.estimation.least_squares.starts import Guide, least_of, roots_of
-from uuv_optical_array.forward.optics import ReadingNoise, reading_variance
+from uuv_optical_array.forward.noise import ReadingNoise, reading_variance
 
 FAULTY = 1e-2  # probability that a detector reads anything, in an image that does not fit
 AT_LIMIT = 0.25  # and that it is then dark, or at full scale

@@ -56,7 +56,8 @@ from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import Optics, ReadingNoise
+from uuv_optical_array.forward.noise import ReadingNoise
+from uuv_optical_array.forward.optics import Optics
 from uuv_optical_array.forward.scene import Scene
 
 # The pose's prior is Gaussian about the middle of the table, this many half extents wide: too

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 
 from uuv_optical_array.core.numerics.elementwise import choose, exp, law
 from uuv_optical_array.estimation.information.likelihood import DENSITY
-from uuv_optical_array.forward.optics import ReadingNoise
+from uuv_optical_array.forward.noise import ReadingNoise
 
 FITTED = 5  # numbers of the pose; every other unknown has a prior, whose square counts too
 

@@ -31,13 +31,8 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     write_slopes,
 )
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import (
-    Optics,
-    ReadingNoise,
-    detect,
-    reading_variance,
-    write_light,
-)
+from uuv_optical_array.forward.noise import ReadingNoise, reading_variance
+from uuv_optical_array.forward.optics import Optics, detect, write_light
 from uuv_optical_array.forward.prior import of_lamp
 
 MAX_STEP = 0.3  # in every coordinate: farther, the linear model is no guide

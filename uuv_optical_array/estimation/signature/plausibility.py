@@ -16,7 +16,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.signature.features import FEATURE_NAMES, scene_parameters
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import reading_variance
+from uuv_optical_array.forward.noise import reading_variance
 from uuv_optical_array.forward.scene import Scene
 
 ROUNDING = 1e-6  # relative: ten times that of a float32, in which features may have been passed on

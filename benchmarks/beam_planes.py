@@ -16,9 +16,9 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.storage.formats import columns
+from uuv_optical_array.forward.lamp.photometric_files import Photometry, read
+from uuv_optical_array.forward.lamp.photometry import fitted
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.photometric_files import Photometry, read
-from uuv_optical_array.forward.photometry import fitted
 from uuv_optical_array.studies.measured_light.lamps import MeasuredLamp, poses_by, scene_of
 
 OUT_TO = 2.2  # half-widths

@@ -20,7 +20,7 @@ from uuv_optical_array.core.settings import (
     summary,
 )
 from uuv_optical_array.forward.effects import EFFECTS
-from uuv_optical_array.forward.lamps import MOST_LAMPS, BeaconLamp
+from uuv_optical_array.forward.lamp.lamps import MOST_LAMPS, BeaconLamp
 from uuv_optical_array.forward.scene import GROUPS
 from uuv_optical_array.forward.scene_files import EXTENDS, ready_scenes
 

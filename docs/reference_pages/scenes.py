@@ -6,7 +6,7 @@ import typing
 
 from reference_pages.markdown import first_sentence, setting_list
 from uuv_optical_array.forward.effects import EFFECTS
-from uuv_optical_array.forward.lamps import BeaconLamp
+from uuv_optical_array.forward.lamp.lamps import BeaconLamp
 from uuv_optical_array.forward.prior import UNCERTAIN
 from uuv_optical_array.forward.scene import GROUPS
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence

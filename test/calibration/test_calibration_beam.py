@@ -11,7 +11,7 @@ from uuv_optical_array.calibration.fit.beam_shape import missing_shape, residual
 from uuv_optical_array.calibration.fit.fit import CalibrationFit
 from uuv_optical_array.calibration.likelihood.likelihood import CalibrationLikelihood
 from uuv_optical_array.calibration.likelihood.parameters import SHAPE, Layout
-from uuv_optical_array.forward.beam import gaussians_of
+from uuv_optical_array.forward.lamp.beam import gaussians_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, save_scene
 

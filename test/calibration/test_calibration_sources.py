@@ -10,7 +10,7 @@ from scenes import changed
 from uuv_optical_array import cramer_rao_bound
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.estimation.information.linearised import Lineariser
-from uuv_optical_array.forward.lamps import BeaconLamp
+from uuv_optical_array.forward.lamp.lamps import BeaconLamp
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 

@@ -29,7 +29,7 @@ from uuv_optical_array.estimation.signature_table import (
     pose_blocks,
     table_compiler,
 )
-from uuv_optical_array.forward.lamps import together
+from uuv_optical_array.forward.lamp.lamps import together
 from uuv_optical_array.forward.many_poses import expected_readings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -228,7 +228,7 @@ def test_the_memory_is_that_of_the_machine_or_of_the_container(tmp_path):
 
 FRESH_PAGES = """import resource
 from uuv_optical_array.estimation.signature_table import build_table
-from uuv_optical_array.forward.lamps import together
+from uuv_optical_array.forward.lamp.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 settings = load_scene("follow").settings()

@@ -9,7 +9,7 @@ from scenes import READY, changed
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.geometry import relative_pose
-from uuv_optical_array.forward.lamps import ring_of_lamps
+from uuv_optical_array.forward.lamp.lamps import ring_of_lamps
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.others import BODY_LENGTH_M, BODY_RADIUS_M, Other, sight
 from uuv_optical_array.forward.prior import POWER, power_offsets

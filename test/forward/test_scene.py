@@ -14,7 +14,7 @@ from scenes import changed as changed_scene
 from uuv_optical_array.core.settings import declared
 from uuv_optical_array.core.storage.files import shared_file
 from uuv_optical_array.forward.effects import EFFECTS
-from uuv_optical_array.forward.lamps import BeaconLamp
+from uuv_optical_array.forward.lamp.lamps import BeaconLamp
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import GROUPS, load_scene, scene_from_settings
 

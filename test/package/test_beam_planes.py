@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from uuv_optical_array.forward.lamp.photometric_files import Photometry
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.photometric_files import Photometry
 from uuv_optical_array.studies.measured_light.lamps import MeasuredLamp, scene_of
 
 ANGLES = np.arange(0.0, 60.5, 0.5)

@@ -10,7 +10,7 @@ from command_line import text_of
 from matplotlib.image import imread
 
 from uuv_optical_array.commands.render import COLUMNS, draw_scene, sheet_poses
-from uuv_optical_array.forward.lamps import together
+from uuv_optical_array.forward.lamp.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 

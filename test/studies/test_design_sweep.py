@@ -16,8 +16,8 @@ from scipy.special import dawsn
 from second_paper import second_angle, second_features
 
 from uuv_optical_array.forward.array import build_array
-from uuv_optical_array.forward.beam import beam_solid_angle
-from uuv_optical_array.forward.lamps import lamps_in_numbers, ring_of_lamps
+from uuv_optical_array.forward.lamp.beam import beam_solid_angle
+from uuv_optical_array.forward.lamp.lamps import lamps_in_numbers, ring_of_lamps
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import HIGH, LOW, uniform_poses

@@ -9,9 +9,9 @@ from command_line import json_of, run
 from pages import ROOT
 
 from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.forward.lamp.photometric_files import read
+from uuv_optical_array.forward.lamp.photometry import fitted
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.photometric_files import read
-from uuv_optical_array.forward.photometry import fitted
 from uuv_optical_array.forward.prior import PRIORS
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.measured_light import lamps as measured_lamps

@@ -32,7 +32,7 @@ from uuv_optical_array.calibration.places_check import common_error, disagreemen
 from uuv_optical_array.calibration.result import Calibration, FittedParameter
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import DetectorArray
-from uuv_optical_array.forward.beam import of_three
+from uuv_optical_array.forward.lamp.beam import of_three
 from uuv_optical_array.forward.scene import Scene
 
 REFERENCE = "lamp.reference_counts"

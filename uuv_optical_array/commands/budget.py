@@ -30,8 +30,8 @@ from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.yaml_text import text_of
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.tolerances import tolerances
-from uuv_optical_array.forward.beam import gaussians_of
-from uuv_optical_array.forward.lamps import BeaconLamp
+from uuv_optical_array.forward.lamp.beam import gaussians_of
+from uuv_optical_array.forward.lamp.lamps import BeaconLamp
 from uuv_optical_array.forward.link_budget import Instrument, keys, least_watts, scene_with
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.noise import reading_variance

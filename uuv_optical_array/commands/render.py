@@ -18,7 +18,7 @@ from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import DOF_NAMES, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.signature.features import key_parameters
-from uuv_optical_array.forward.lamps import together
+from uuv_optical_array.forward.lamp.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M

@@ -32,11 +32,11 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Setting, Span, declared, hint, summary
 from uuv_optical_array.core.storage import files, yaml_text
 from uuv_optical_array.forward import scene_files
-from uuv_optical_array.forward.beam import radiance
 from uuv_optical_array.forward.effects import EFFECTS
-from uuv_optical_array.forward.lamps import BeaconLamp
-from uuv_optical_array.forward.photometric_files import read
-from uuv_optical_array.forward.photometry import FittedBeam, fitted
+from uuv_optical_array.forward.lamp.beam import radiance
+from uuv_optical_array.forward.lamp.lamps import BeaconLamp
+from uuv_optical_array.forward.lamp.photometric_files import read
+from uuv_optical_array.forward.lamp.photometry import FittedBeam, fitted
 from uuv_optical_array.forward.scene import GROUPS, Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
 from uuv_optical_array.forward.working_volume import SPECIFIED_TEXT

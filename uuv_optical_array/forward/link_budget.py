@@ -14,8 +14,8 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.forward.beam import UNIT, beam_solid_angle, gaussians_of
 from uuv_optical_array.forward.effects.electronics import PARTS, Part
+from uuv_optical_array.forward.lamp.beam import UNIT, beam_solid_angle, gaussians_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 

@@ -14,7 +14,7 @@ from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z, dot, in_
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import choose, cos, indices, law, sin, total
 from uuv_optical_array.forward.effects.water import beer_exponent
-from uuv_optical_array.forward.lamps import (
+from uuv_optical_array.forward.lamp.lamps import (
     AXIS_PITCH,
     AXIS_YAW,
     PLACE_X,

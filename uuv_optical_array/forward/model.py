@@ -14,10 +14,10 @@ from uuv_optical_array.core.geometry import PITCH, Array, lamp_in_body, write_la
 from uuv_optical_array.core.numerics.elementwise import stack, workspace
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import build_array
-from uuv_optical_array.forward.beam import gaussians_of
 from uuv_optical_array.forward.effects import forms
 from uuv_optical_array.forward.effects.forms import Background, Blur, Gain, Shade
-from uuv_optical_array.forward.lamps import GEOMETRY, TURN, lamps_in_numbers, one_of_lamps
+from uuv_optical_array.forward.lamp.beam import gaussians_of
+from uuv_optical_array.forward.lamp.lamps import GEOMETRY, TURN, lamps_in_numbers, one_of_lamps
 from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.optics import (
     BACKGROUND,

@@ -23,7 +23,14 @@ from uuv_optical_array.core.numerics.elementwise import (
 )
 from uuv_optical_array.forward.effects.detectors import housing, lens, port
 from uuv_optical_array.forward.effects.water import beer
-from uuv_optical_array.forward.lamps import DEGREE, GEOMETRY, PLACE_X, SHARE, SIGMA, one_of_lamps
+from uuv_optical_array.forward.lamp.lamps import (
+    DEGREE,
+    GEOMETRY,
+    PLACE_X,
+    SHARE,
+    SIGMA,
+    one_of_lamps,
+)
 from uuv_optical_array.forward.light import (
     ALONG,
     AXIAL,

@@ -18,7 +18,7 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.settings import Place
-from uuv_optical_array.forward.lamps import AXIS_PITCH, lamps_in_numbers, together
+from uuv_optical_array.forward.lamp.lamps import AXIS_PITCH, lamps_in_numbers, together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import FLOOR, OWN_FLOOR, POWER, of_lamp, power_offsets
 

@@ -11,11 +11,11 @@ from uuv_optical_array.core.settings import Quantity, Span, check_all, unknown
 from uuv_optical_array.core.storage import files, yaml_text
 from uuv_optical_array.forward import scene_files
 from uuv_optical_array.forward.array import ArraySettings, Shape
-from uuv_optical_array.forward.beam import LampSettings
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.effects.electronics import largest_demodulated
-from uuv_optical_array.forward.lamps import BeaconLamp, checked_lamps
-from uuv_optical_array.forward.photometry import with_photometry
+from uuv_optical_array.forward.lamp.beam import LampSettings
+from uuv_optical_array.forward.lamp.lamps import BeaconLamp, checked_lamps
+from uuv_optical_array.forward.lamp.photometry import with_photometry
 from uuv_optical_array.forward.prior import (
     ABSORPTION,
     AMBIENT,

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from uuv_optical_array.core.settings import hint
 from uuv_optical_array.core.storage import files, yaml_text
-from uuv_optical_array.forward.photometry import BEAM
+from uuv_optical_array.forward.lamp.photometry import BEAM
 
 READY = "config/scenes"
 SUFFIXES = ".yaml", ".yml"

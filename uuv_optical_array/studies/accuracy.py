@@ -36,7 +36,7 @@ from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.aim import aim_count, apparent
 from uuv_optical_array.forward.effects import MOVING
-from uuv_optical_array.forward.lamps import ring_of_lamps, spread_and_tilt
+from uuv_optical_array.forward.lamp.lamps import ring_of_lamps, spread_and_tilt
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ROLL, UNEVEN_DEPTH, FrameLight, Known, PriorSettings
 from uuv_optical_array.forward.scene import Scene, scene_from_settings

@@ -13,8 +13,8 @@ from scipy.interpolate import RectBivariateSpline
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.forward.beam import UNIT, gaussians_of, radiance
 from uuv_optical_array.forward.effects.waters import PETZOLD_PER_M
+from uuv_optical_array.forward.lamp.beam import UNIT, gaussians_of, radiance
 from uuv_optical_array.forward.light import AXIAL, COSINE, HALF_SQUARE, RANGE
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import detect

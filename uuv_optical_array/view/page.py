@@ -24,7 +24,7 @@ from uuv_optical_array.core import geometry
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.geometry import PITCH, YAW, Array
 from uuv_optical_array.forward.array import build_array
-from uuv_optical_array.forward.lamps import together
+from uuv_optical_array.forward.lamp.lamps import together
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.plots.follow import FOLLOWERS, LEADER
 from uuv_optical_array.plots.style import IMAGES

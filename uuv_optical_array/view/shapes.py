@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.core.geometry import Array, rotation_matrix
-from uuv_optical_array.forward.beam import angle_of, gaussians_of
-from uuv_optical_array.forward.lamps import AXIS_PITCH, PLACE_X, SHARE, SIGMA, lamps_in_numbers
+from uuv_optical_array.forward.lamp.beam import angle_of, gaussians_of
+from uuv_optical_array.forward.lamp.lamps import AXIS_PITCH, PLACE_X, SHARE, SIGMA, lamps_in_numbers
 from uuv_optical_array.forward.scene import Scene
 
 SIDES = 32  # of a mesh that is round

@@ -20,7 +20,7 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     write_slopes,
 )
 from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordinates
-from uuv_optical_array.forward.beam import UNIT
+from uuv_optical_array.forward.lamp.beam import UNIT
 from uuv_optical_array.forward.model import ForwardModel
 
 pytestmark = pytest.mark.filterwarnings("error")

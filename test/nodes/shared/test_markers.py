@@ -10,7 +10,7 @@ from visualization_msgs.msg import MarkerArray
 
 from uuv_optical_array.control.following import State
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.forward.lamps import BeaconLamp
+from uuv_optical_array.forward.lamp.lamps import BeaconLamp
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.formation_node import FormationNode

@@ -16,7 +16,7 @@ from uuv_optical_array.calibration.fit.fit import MOST_SHAPE, CalibrationFit
 from uuv_optical_array.calibration.likelihood.agreement import FALSE_REFUSAL
 from uuv_optical_array.calibration.likelihood.parameters import SHAPE
 from uuv_optical_array.core.geometry import Array, Y, Z
-from uuv_optical_array.forward.beam import NARROWEST_DEG, WIDEST_DEG, WIDTHS_OF_THREE
+from uuv_optical_array.forward.lamp.beam import NARROWEST_DEG, WIDEST_DEG, WIDTHS_OF_THREE
 from uuv_optical_array.forward.light import HALF_SQUARE
 
 BINS = 24  # of the angle off the axis, with as many lit readings each

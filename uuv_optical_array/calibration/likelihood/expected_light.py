@@ -21,8 +21,8 @@ from uuv_optical_array.calibration.likelihood.parameters import (
 )
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import DetectorArray
-from uuv_optical_array.forward.beam import gaussians_of, of_three
 from uuv_optical_array.forward.effects.detectors import detector_gains
+from uuv_optical_array.forward.lamp.beam import gaussians_of, of_three
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import OWN_GEOMETRY, ROLL
 from uuv_optical_array.forward.scene import Scene, scene_from_settings

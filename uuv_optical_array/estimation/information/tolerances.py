@@ -6,7 +6,7 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import Array, turned_about_lamp, turned_on_mount
 from uuv_optical_array.estimation.information.likelihood import information
-from uuv_optical_array.forward.lamps import DEGREE
+from uuv_optical_array.forward.lamp.lamps import DEGREE
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import RADIUS
 from uuv_optical_array.forward.scene import Scene

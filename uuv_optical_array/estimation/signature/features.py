@@ -20,7 +20,7 @@ from uuv_optical_array.core.numerics.elementwise import (
     minimum,
 )
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.forward.lamps import together
+from uuv_optical_array.forward.lamp.lamps import together
 from uuv_optical_array.forward.scene import Scene, SignatureSettings
 
 FEATURE_NAMES = ("peak", "column", "row", "skewness_horizontal", "skewness_vertical")

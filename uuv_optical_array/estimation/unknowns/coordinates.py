@@ -30,8 +30,8 @@ from uuv_optical_array.core.numerics.elementwise import (
     minimum,
     stack,
 )
-from uuv_optical_array.forward.beam import UNIT, angle_of
-from uuv_optical_array.forward.lamps import SIGMA
+from uuv_optical_array.forward.lamp.beam import UNIT, angle_of
+from uuv_optical_array.forward.lamp.lamps import SIGMA
 from uuv_optical_array.forward.light import off_axis, radiance
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scattering import scattered_light, weighed

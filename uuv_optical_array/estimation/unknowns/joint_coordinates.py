@@ -28,7 +28,7 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     to_lamp,
     write_slopes,
 )
-from uuv_optical_array.forward.lamps import DEGREE
+from uuv_optical_array.forward.lamp.lamps import DEGREE
 from uuv_optical_array.forward.prior import ABSORPTION, ATTENUATION, BEAM_SIGMA, POWER, SCATTERING
 
 LEAST_WIDTH = 0.1  # of the beam, of that in the scene: below it no constant makes it

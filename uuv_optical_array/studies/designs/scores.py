@@ -12,7 +12,7 @@ import numpy as np
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward import working_volume as volume
-from uuv_optical_array.forward.lamps import together
+from uuv_optical_array.forward.lamp.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.studies.designs.sweep import Design, designed

@@ -12,8 +12,8 @@ from typing import Any, TypeAlias
 from uuv_optical_array.cli import options
 from uuv_optical_array.core.settings import Setting, declared
 from uuv_optical_array.forward.array import ArraySettings, Shape
-from uuv_optical_array.forward.beam import LampSettings, beam_solid_angle, gaussians_of
-from uuv_optical_array.forward.lamps import ring_of_lamps, spread_and_tilt
+from uuv_optical_array.forward.lamp.beam import LampSettings, beam_solid_angle, gaussians_of
+from uuv_optical_array.forward.lamp.lamps import ring_of_lamps, spread_and_tilt
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 

@@ -15,10 +15,10 @@ from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage.formats import columns, plain
 from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.forward.lamp.photometric_files import Photometry, read
+from uuv_optical_array.forward.lamp.photometry import fitted, points_of
 from uuv_optical_array.forward.light import COSINE, HALF_SQUARE, RANGE
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.photometric_files import Photometry, read
-from uuv_optical_array.forward.photometry import fitted, points_of
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import MIN_PEAK_COUNTS, uniform_poses
 from uuv_optical_array.studies.shared.errors import errors_of

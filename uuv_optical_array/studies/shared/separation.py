@@ -16,7 +16,7 @@ from uuv_optical_array.core.geometry import YAW, Array, X, Y
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.forward.lamps import together
+from uuv_optical_array.forward.lamp.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFIED

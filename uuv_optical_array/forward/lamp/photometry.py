@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.forward.beam import WIDEST_DEG, dark_angle
-from uuv_optical_array.forward.photometric_files import Photometry, read
+from uuv_optical_array.forward.lamp.beam import WIDEST_DEG, dark_angle
+from uuv_optical_array.forward.lamp.photometric_files import Photometry, read
 
 REACH = 2.2  # half-widths
 LARGEST_RMS = 10.0  # of 1000 on the axis: beyond it poses would be false more than wide

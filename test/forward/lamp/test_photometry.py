@@ -8,10 +8,10 @@ import pytest
 from scenes import ready
 
 from uuv_optical_array.commands.scenes import settings_text
-from uuv_optical_array.forward.beam import gaussians_of, radiance
+from uuv_optical_array.forward.lamp.beam import gaussians_of, radiance
+from uuv_optical_array.forward.lamp.photometric_files import read
+from uuv_optical_array.forward.lamp.photometry import fitted
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.photometric_files import read
-from uuv_optical_array.forward.photometry import fitted
 from uuv_optical_array.forward.scene import load_scene
 
 ANGLES = np.arange(0, 90.5, 0.5)

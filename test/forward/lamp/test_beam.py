@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.forward.beam import angle_of, beam_solid_angle, gaussians_of
+from uuv_optical_array.forward.lamp.beam import angle_of, beam_solid_angle, gaussians_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.view.shapes import beams

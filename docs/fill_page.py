@@ -1,8 +1,10 @@
 """Write what a command prints into a page: ``python docs/fill_page.py PAGE uuv_array limits ...``.
 
-It stands beside its command line, in place of what the same command printed before, or last.
+It stands beside its command line, in place of what the same command printed before, or last. A page
+alone has all of its commands run again: ``python docs/fill_page.py PAGE``.
 """
 
+import re
 import shlex
 import subprocess
 import sys
@@ -30,11 +32,20 @@ def filled(page: str, command: str, text: str) -> str:
     return f"{before}{block}{after}"
 
 
+def commands_of(page: str) -> list[str]:
+    """Return the command lines of a page whose output stands beside them."""
+    return re.findall(re.escape(BEGIN).replace(re.escape("{}"), "(.+)"), page)
+
+
 def main(name: str, *words: str) -> int:
     """Run a command, fill the page, unless the command fails, and return the command's exit code.
 
-    ValueError, before the command runs, where the page cannot be filled.
+    Without one all of the page's are run, and the largest exit code is returned. ValueError, before
+    a command runs, where the page cannot be filled.
     """
+    if not words:
+        lines = commands_of(Path(name).read_text(encoding="utf-8"))
+        return max((main(name, *shlex.split(line)) for line in lines), default=0)
     path, command = Path(name), shlex.join(words)
 
     def with_text(text: str) -> str:

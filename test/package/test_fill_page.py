@@ -66,3 +66,13 @@ def test_blocks_of_the_pages_are_as_their_commands_write_them():
     assert len(blocks) == sum(text.count("<!-- printed -->") for text in texts) > 0
     for text, command, printed in blocks:
         assert fill_page.filled(text, command, printed) == text, command
+
+
+def test_a_page_alone_has_its_commands_run_again(page):
+    printing = [sys.executable, "-c", "print(6 * 7)"]
+    fill_page.main(str(page), *printing)
+    whole = page.read_text(encoding="utf-8")
+    failing = f"{fill_page.BEGIN.format(f'{sys.executable} -c exit(2)')}\nold\n{fill_page.END}\n"
+    page.write_text(failing + whole.replace("42", "41"), encoding="utf-8")
+    assert fill_page.main(str(page)) == 2
+    assert page.read_text(encoding="utf-8") == failing + whole

@@ -18,13 +18,21 @@ class ArraySettings:
     """The array of a scene; defaults are the vehicle of Eren et al. (2016)."""
 
     shape: Shape
-    detectors_per_side: Annotated[int, Quantity("detectors in a row, and rows", "", 2, 501)]
-    width_m: Annotated[float, Quantity("outermost detector to outermost", "m", 0.01, 10)] = 0.4
-    bow_m: Annotated[float, Quantity("base_link forward to the array's frame", "m", -50, 50)] = 0.4
-    radius_m: Annotated[float | None, Quantity("sphere, curved only", "m", 0.01, 100)] = None
+    detectors_per_side: Annotated[
+        int, Quantity("number of detectors in a row, and number of rows", "", 2, 501)
+    ]
+    width_m: Annotated[
+        float, Quantity("distance between the outermost detectors of a row", "m", 0.01, 10)
+    ] = 0.4
+    bow_m: Annotated[
+        float, Quantity("distance of the array's frame ahead of base_link", "m", -50, 50)
+    ] = 0.4
+    radius_m: Annotated[
+        float | None, Quantity("radius of the sphere of a curved array", "m", 0.01, 100)
+    ] = None
     wiring: Annotated[
         Order | None,
-        Quantity("place of each detector in the message's image, in reading order", "", 0, 501**2),
+        Quantity("index of each detector in the image of a message, by rows", "", 0, 501**2),
     ] = None
 
     def __post_init__(self) -> None:

@@ -32,26 +32,50 @@ BLUE = (0.1, 0.4, 0.8, 0.98, 1.0, 0.94, 0.8, 0.62, 0.45, 0.22, 0.1)
 class Instrument:
     """Lamp, detector and converter in the units of data sheets; the scene has beam and water."""
 
-    lamp_w: Annotated[float, Quantity("radiant flux of the LED, or of all", "W", 1e-6, 1e3)] = 0.33
-    optics: Annotated[float, Quantity("share that leaves the lamp", "", 0.01, 1)] = 0.85
-    wavelength_nm: Annotated[float, Quantity("of the lamp", "nm", 400, 700)] = 525.0
+    lamp_w: Annotated[
+        float, Quantity("radiant flux of the LED, or of all LEDs together", "W", 1e-6, 1e3)
+    ] = 0.33
+    optics: Annotated[
+        float, Quantity("share of the radiant flux that leaves the lamp", "", 0.01, 1)
+    ] = 0.85
+    wavelength_nm: Annotated[float, Quantity("wavelength of the lamp", "nm", 400, 700)] = 525.0
     lens_m: Annotated[float, Quantity("diameter of the lamp's lens", "m", 2e-3, 1)] = 0.03
-    filter: Annotated[float, Quantity("share that window and filter pass", "", 1e-6, 1)] = 0.8
-    part: Annotated[Part, Quantity("photodiode")] = "BPW34"
-    feedback_ohm: Annotated[float, Quantity("of the amplifier", "ohm", 1, 1e12)] = 1e6
-    capacitance_f: Annotated[float, Quantity("at the amplifier's input", "F", 0, 1e-6)] = 80e-12
-    amplifier_v_per_rthz: Annotated[float, Quantity("its noise", "V/sqrt(Hz)", 0, 1)] = 7.5e-9
-    amplifier_a_per_rthz: Annotated[float, Quantity("its noise", "A/sqrt(Hz)", 0, 1)] = 2e-15
-    converter_v_per_rthz: Annotated[float, Quantity("its noise", "V/sqrt(Hz)", 0, 1)] = 1.7e-7
-    full_scale_v: Annotated[float, Quantity("of the converter", "V", 1e-3, 100)] = 1.2
-    bits: Annotated[int, Quantity("of a reading", "", 4, 16)] = 16
+    filter: Annotated[
+        float, Quantity("share of the light that window and filter transmit", "", 1e-6, 1)
+    ] = 0.8
+    part: Annotated[Part, Quantity("type of the photodiode")] = "BPW34"
+    feedback_ohm: Annotated[
+        float, Quantity("feedback resistor of the amplifier", "ohm", 1, 1e12)
+    ] = 1e6
+    capacitance_f: Annotated[
+        float, Quantity("capacitance at the amplifier's input", "F", 0, 1e-6)
+    ] = 80e-12
+    amplifier_v_per_rthz: Annotated[
+        float, Quantity("voltage noise of the amplifier", "V/sqrt(Hz)", 0, 1)
+    ] = 7.5e-9
+    amplifier_a_per_rthz: Annotated[
+        float, Quantity("current noise of the amplifier", "A/sqrt(Hz)", 0, 1)
+    ] = 2e-15
+    converter_v_per_rthz: Annotated[
+        float, Quantity("voltage noise of the converter", "V/sqrt(Hz)", 0, 1)
+    ] = 1.7e-7
+    full_scale_v: Annotated[float, Quantity("full scale of the converter", "V", 1e-3, 100)] = 1.2
+    bits: Annotated[int, Quantity("resolution of a reading, in bits", "", 4, 16)] = 16
     pedestal_counts: Annotated[
-        int, Quantity("that the sender adds, so that noise in the dark stays above 0", "", 0, 10000)
+        int,
+        Quantity(
+            "constant that the sender adds, so that noise in the dark stays above 0", "", 0, 10000
+        ),
     ] = 100
-    average_s: Annotated[float, Quantity("time that a reading averages", "s", 1e-6, 10)] = 0.02
-    temperature_c: Annotated[float, Quantity("of diode and resistor", "deg C", -40, 100)] = 15.0
+    average_s: Annotated[
+        float, Quantity("time over which a reading is averaged", "s", 1e-6, 10)
+    ] = 0.02
+    temperature_c: Annotated[
+        float, Quantity("temperature of diode and resistor", "deg C", -40, 100)
+    ] = 15.0
     daylight_w_per_m2: Annotated[
-        float, Quantity("on the array, in the filter's band", "W/m^2", 0, 1e3)
+        float,
+        Quantity("irradiance by daylight on the array, in the filter's band", "W/m^2", 0, 1e3),
     ] = 0.0
 
     @property

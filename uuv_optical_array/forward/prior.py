@@ -28,7 +28,7 @@ ROLL = "follower.roll_rad"  # which several lamps show, as a turn about the beac
 # What is a lamp's own, in the order of the places of `lamps.one_of_lamps`, and its power.
 OWN_GEOMETRY = "x_m", "y_m", "z_m", "pitch_deg", "yaw_deg"
 OWN_POWER, OWN_FLOOR = "power", "floor_counts"
-LAMP_POWER = Quantity("of all lamps, or each, relative to the scene's; 0: off", "", 0, 100)
+LAMP_POWER = Quantity("power of all lamps, or of each, relative to the scene's; 0: off", "", 0, 100)
 NO_POWER = 1e-300  # of a lamp that is off: its logarithm has to be finite
 LOGARITHMS = POWER, SCATTERING, RADIUS  # whose offset is that of their logarithm
 GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
@@ -116,58 +116,96 @@ class FrameLight(NamedTuple):
 class PriorSettings:
     """Standard deviations of what is not known (0: known), which is estimated with the pose."""
 
-    known: Annotated[Known, Quantity("how well the rest is known, by a set of values")] = "exactly"
-    lamp_power_std: Annotated[float, Quantity("relative", "", 0, 1)] = 0.0
-    beam_sigma_std_deg: Annotated[float, Quantity("of the beam's width", "deg", 0, 10)] = 0.0
+    known: Annotated[
+        Known, Quantity("set of values for the keys of the prior that are not given")
+    ] = "exactly"
+    lamp_power_std: Annotated[
+        float, Quantity("relative standard deviation of the lamp's power", "", 0, 1)
+    ] = 0.0
+    beam_sigma_std_deg: Annotated[
+        float, Quantity("standard deviation of lamp.beam_sigma_deg", "deg", 0, 10)
+    ] = 0.0
     beam_shape_std: Annotated[
         float,
-        Quantity("relative, of the light by the beam's shape", "", 0, 0.3),
+        Quantity("relative standard deviation of a reading by the shape of the beam", "", 0, 0.3),
     ] = 0.0
-    lamp_behind_std_m: Annotated[float, Quantity("of lamp.behind_m", "m", 0, 1)] = 0.0
-    lamp_floor_std_counts: Annotated[float, Quantity("of lamp.floor_counts", "counts", 0, 1e6)] = (
-        0.0
-    )
-    k_std_per_m: Annotated[float, Quantity("of the attenuation", "1/m", 0, 1)] = 0.0
-    absorption_std_per_m: Annotated[float, Quantity("of the absorption", "1/m", 0, 1)] = 0.0
-    scattering_std: Annotated[float, Quantity("relative", "", 0, 2)] = 0.0
+    lamp_behind_std_m: Annotated[
+        float, Quantity("standard deviation of lamp.behind_m", "m", 0, 1)
+    ] = 0.0
+    lamp_floor_std_counts: Annotated[
+        float, Quantity("standard deviation of lamp.floor_counts", "counts", 0, 1e6)
+    ] = 0.0
+    k_std_per_m: Annotated[
+        float, Quantity("standard deviation of the attenuation coefficient K", "1/m", 0, 1)
+    ] = 0.0
+    absorption_std_per_m: Annotated[
+        float, Quantity("standard deviation of the absorption coefficient a", "1/m", 0, 1)
+    ] = 0.0
+    scattering_std: Annotated[
+        float, Quantity("relative standard deviation of the scattering coefficient b", "", 0, 2)
+    ] = 0.0
     cosine_power_std: Annotated[
-        float, Quantity("of the power of the detectors' cosine", "", 0, 1)
+        float, Quantity("standard deviation of the exponent of the detectors' cosine", "", 0, 1)
     ] = 0.0
-    radius_std: Annotated[float, Quantity("relative, of a sphere", "", 0, 0.2)] = 0.0
-    ambient_std_counts: Annotated[float, Quantity("of the ambient level", "counts", 0, 1e6)] = 0.0
+    radius_std: Annotated[
+        float, Quantity("relative standard deviation of the radius of a curved array", "", 0, 0.2)
+    ] = 0.0
+    ambient_std_counts: Annotated[
+        float, Quantity("standard deviation of the ambient level", "counts", 0, 1e6)
+    ] = 0.0
     ambient_gradient_std_counts: Annotated[
-        float, Quantity("of the ambient's rise from middle to edges", "counts", 0, 1e6)
+        float,
+        Quantity("standard deviation of the ambient's rise from middle to edges", "counts", 0, 1e6),
     ] = 0.0
-    gain_std: Annotated[float, Quantity("of each detector's gain, relative", "", 0, 0.3)] = 0.0
-    temperature_std_c: Annotated[float, Quantity("of the temperature", "deg C", 0, 40)] = 0.0
+    gain_std: Annotated[
+        float, Quantity("relative standard deviation of each detector's gain", "", 0, 0.3)
+    ] = 0.0
+    temperature_std_c: Annotated[
+        float, Quantity("standard deviation of the temperature", "deg C", 0, 40)
+    ] = 0.0
     aim_std_deg: Annotated[
-        float, Quantity("of the array's pitch and yaw on its mount", "deg", 0, 10)
+        float,
+        Quantity("standard deviation of the array's pitch and yaw on its mount", "deg", 0, 10),
     ] = 0.0
     lamp_aim_std_deg: Annotated[
-        float, Quantity("of the lamp's pitch and yaw on the leader", "deg", 0, 10)
+        float,
+        Quantity("standard deviation of the lamp's pitch and yaw on the leader", "deg", 0, 10),
     ] = 0.0
     lamps_power_std: Annotated[
-        float, Quantity("of the power of each of several lamps, relative", "", 0, 1)
+        float,
+        Quantity("relative standard deviation of the power of each of several lamps", "", 0, 1),
     ] = 0.0
-    lamps_aim_std_deg: Annotated[float, Quantity("of pitch and yaw of each", "deg", 0, 10)] = 0.0
-    lamps_place_std_m: Annotated[float, Quantity("of each, by axis", "m", 0, 1)] = 0.0
+    lamps_aim_std_deg: Annotated[
+        float,
+        Quantity("standard deviation of pitch and yaw of each of several lamps", "deg", 0, 10),
+    ] = 0.0
+    lamps_place_std_m: Annotated[
+        float,
+        Quantity("standard deviation of the place of each of several lamps, per axis", "m", 0, 1),
+    ] = 0.0
     lamps_floor_std_counts: Annotated[
-        float, Quantity("of the floor_counts of each", "counts", 0, 1e6)
+        float,
+        Quantity("standard deviation of floor_counts of each of several lamps", "counts", 0, 1e6),
     ] = 0.0
     roll_std_deg: Annotated[
-        float, Quantity("of the follower's roll, which several lamps show", "deg", 0, 45)
+        float,
+        Quantity(
+            "standard deviation of the follower's roll; used with several lamps", "deg", 0, 45
+        ),
     ] = 0.0
     shade_probability: Annotated[
-        float, Quantity("share of frames that clouds shade unevenly", "", 0, 0.99)
+        float, Quantity("share of the frames that clouds shade unevenly", "", 0, 0.99)
     ] = 0.0
     shade_depth: Annotated[
-        float, Quantity("of a shade, in the logarithm of the light: mean and spread", "", 0, 3)
+        float,
+        Quantity("depth of a shade: standard deviation of the logarithm of the light", "", 0, 3),
     ] = 0.0
     shade_lasts_s: Annotated[
-        float, Quantity("time in which a shade becomes another one", "s", 0, 1000)
+        float, Quantity("correlation time of shades and of uneven light", "s", 0, 1000)
     ] = 5.0
     uneven_probability: Annotated[
-        float, Quantity("share of frames lit unevenly, where the scene names no shade", "", 0, 0.5)
+        float,
+        Quantity("share of the frames with uneven light, where shade_probability is 0", "", 0, 0.5),
     ] = 0.0
 
     def nuisance_std(self) -> dict[str, float]:

@@ -34,12 +34,18 @@ class SignatureSettings:
     """How images become signatures: the peak's place, and weights of the five numbers."""
 
     peak: Literal["detector", "subdetector"] = "subdetector"
-    peak_weight: Annotated[float, Quantity("of the peak value", "", 1e-6, 1e6)] = 2.0
+    peak_weight: Annotated[float, Quantity("weight of the peak value", "", 1e-6, 1e6)] = 2.0
     position_weight: Annotated[
-        float, Quantity("of column and row, per half width", "", 1e-6, 1e6)
+        float,
+        Quantity("weight of the peak's column and row, in half widths of the array", "", 1e-6, 1e6),
     ] = 1.0
-    skewness_weight: Annotated[float, Quantity("of both skewnesses", "", 1e-6, 1e6)] = 1.0
-    lift: Annotated[float, Quantity("appended, so that the angle sees scale", "", 0, 1e6)] = 1.0
+    skewness_weight: Annotated[
+        float, Quantity("weight of the horizontal and the vertical skewness", "", 1e-6, 1e6)
+    ] = 1.0
+    lift: Annotated[
+        float,
+        Quantity("constant appended, so that the spectral angle depends on the scale", "", 0, 1e6),
+    ] = 1.0
 
 
 # The working volume, 4 to 8 m behind the lamp and 0.6 m and 20 deg about its axis, with a margin.
@@ -51,13 +57,17 @@ TURNED_DEG = Span(-22.0, 22.0, 13)
 class TableSettings:
     """The grid of poses of the signature table, each as ``[from, to, how many]``."""
 
-    x_m: Annotated[Span, Quantity("ahead of the lamp; negative is behind it", "m", -1000, 1000)] = (
-        BEHIND_M
-    )
-    y_m: Annotated[Span, Quantity("to port", "m", -1000, 1000)] = ASIDE_M
-    z_m: Annotated[Span, Quantity("up", "m", -1000, 1000)] = ASIDE_M
-    pitch_deg: Annotated[Span, Quantity("bow down", "deg", -90, 90)] = TURNED_DEG
-    yaw_deg: Annotated[Span, Quantity("bow to port", "deg", -180, 180)] = TURNED_DEG
+    x_m: Annotated[
+        Span, Quantity("position ahead of the lamp; a negative one is behind it", "m", -1000, 1000)
+    ] = BEHIND_M
+    y_m: Annotated[Span, Quantity("position to port of the lamp", "m", -1000, 1000)] = ASIDE_M
+    z_m: Annotated[Span, Quantity("position above the lamp", "m", -1000, 1000)] = ASIDE_M
+    pitch_deg: Annotated[
+        Span, Quantity("pitch of the follower, positive with the bow down", "deg", -90, 90)
+    ] = TURNED_DEG
+    yaw_deg: Annotated[
+        Span, Quantity("yaw of the follower, positive with the bow to port", "deg", -180, 180)
+    ] = TURNED_DEG
 
 
 # Groups of a scene file except `effects`, with the classes that declare their keys.

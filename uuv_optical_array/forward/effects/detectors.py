@@ -41,12 +41,16 @@ def field_of_view(
     array: DetectorArray,
     *,
     cosine_power: Annotated[
-        float | None, Quantity("power of the cosine of incidence in all", "", 0.5, 1000)
+        float | None,
+        Quantity("exponent of the cosine of incidence, with Lambert's 1 included", "", 0.5, 1000),
     ] = None,
     half_angle_deg: Annotated[
-        float | None, Quantity("incidence at which half is lost", "deg", 1, 90)
+        float | None,
+        Quantity("angle of incidence at which half of the light is lost", "deg", 1, 90),
     ] = None,
-    edge_deg: Annotated[float, Quantity("width of the cut-off", "deg", 0.1, 60)] = 5.0,
+    edge_deg: Annotated[
+        float, Quantity("width of the cut-off around the half angle", "deg", 0.1, 60)
+    ] = 5.0,
 ) -> Transmission:
     """Narrow the response to the lamp beyond Lambert's cosine.
 
@@ -104,9 +108,10 @@ def window(
         float, Quantity("refractive index of the pane: acrylic 1.49, glass 1.52", "", 1.3, 2.5)
     ] = 1.49,
     behind_index: Annotated[
-        float, Quantity("of what is behind it: air 1, optical gel 1.4 to 1.5", "", 1, 2.5)
+        float,
+        Quantity("refractive index behind the pane: air 1, optical gel 1.4 to 1.5", "", 1, 2.5),
     ] = 1.0,
-    water_index: Annotated[float, Quantity("of the water", "", 1.3, 1.4)] = 1.34,
+    water_index: Annotated[float, Quantity("refractive index of the water", "", 1.3, 1.4)] = 1.34,
 ) -> Transmission:
     """Put a flat port in front of each photodiode: Snell's refraction and Fresnel's transmission.
 
@@ -121,16 +126,18 @@ def responsivity(
     array: DetectorArray,
     *,
     spread: Annotated[
-        float | None, Quantity("relative standard deviation by detector", "", 0, 0.3)
+        float | None, Quantity("relative standard deviation of the gains", "", 0, 0.3)
     ] = None,
     seed: Annotated[
-        int | None, Quantity("of the draw: another seed, another array", "", 0, 2**31 - 1)
+        int | None,
+        Quantity("seed of the random gains; another seed gives another array", "", 0, 2**31 - 1),
     ] = None,
     gains: Annotated[
-        Grid | None, Quantity("of each detector, rows from the top, columns from port", "", 0, 100)
+        Grid | None,
+        Quantity("gain of each detector, rows from the top, columns from port", "", 0, 100),
     ] = None,
     drift_per_c: Annotated[
-        float, Quantity("relative change with temperature", "1/deg C", -0.1, 0.1)
+        float, Quantity("relative change of the gains with temperature", "1/deg C", -0.1, 0.1)
     ] = -2 / 576,
 ) -> Gain:
     """Give each detector a gain of its own, and all a drift with temperature.
@@ -165,9 +172,15 @@ def detector_gains(
 def detector_faults(
     array: DetectorArray,
     *,
-    dead: Annotated[Cells, Quantity("detectors without light, [row, column]", "", 0, 500)] = (),
-    stuck: Annotated[Cells, Quantity("detectors with one reading, [row, column]", "", 0, 500)] = (),
-    stuck_counts: Annotated[float, Quantity("that reading", "counts", 0, 1e6)] = 0.0,
+    dead: Annotated[
+        Cells, Quantity("detectors that see no light, each as [row, column]", "", 0, 500)
+    ] = (),
+    stuck: Annotated[
+        Cells, Quantity("detectors with a constant reading, each as [row, column]", "", 0, 500)
+    ] = (),
+    stuck_counts: Annotated[
+        float, Quantity("reading of the stuck detectors", "counts", 0, 1e6)
+    ] = 0.0,
 ) -> tuple[Gain, Background]:
     """Let detectors fail: dead ones read darkness, stuck ones a level; row 0 is the top.
 

@@ -21,9 +21,11 @@ from uuv_optical_array.forward.effects.forms import (
 def sensor_noise(
     array: DetectorArray,
     *,
-    sigma_counts: Annotated[float, Quantity("standard deviation of a reading", "counts", 0, 1e6)],
+    sigma_counts: Annotated[
+        float, Quantity("standard deviation of the noise of a reading", "counts", 0, 1e6)
+    ],
     relative: Annotated[
-        float, Quantity("a part of it that is relative to the reading, as of gains", "", 0, 1)
+        float, Quantity("standard deviation of a second part, relative to the reading", "", 0, 1)
     ] = 0.0,
 ) -> Noise:
     """Net noise of a detector and its amplifier, Gaussian (Eren et al. 2016, eq. 7).
@@ -37,7 +39,9 @@ def sensor_noise(
 def shot_noise(
     array: DetectorArray,
     *,
-    electrons_per_count: Annotated[float, Quantity("electrons of one count", "", 1e-3, 1e12)],
+    electrons_per_count: Annotated[
+        float, Quantity("number of photoelectrons of one count", "", 1e-3, 1e12)
+    ],
 ) -> Noise:
     """Shot noise of the light, whose variance is its mean in electrons (Eren et al. 2016, eq. 7).
 
@@ -73,12 +77,20 @@ def photodiode(
     *,
     part: Part,
     bandwidth_hz: Annotated[float, Quantity("noise bandwidth", "Hz", 1e-3, 1e9)],
-    load_ohm: Annotated[float, Quantity("load or feedback resistor", "ohm", 1, 1e12)],
-    amplifier_a_per_rthz: Annotated[float, Quantity("current noise", "A/sqrt(Hz)", 0, 1)] = 0.0,
-    temperature_c: Annotated[float, Quantity("of diode and resistor", "deg C", -40, 100)] = 20.0,
-    amps_per_count: Annotated[float | None, Quantity("photocurrent", "A", 1e-18, 1)] = None,
+    load_ohm: Annotated[
+        float, Quantity("resistance of the load or feedback resistor", "ohm", 1, 1e12)
+    ],
+    amplifier_a_per_rthz: Annotated[
+        float, Quantity("current noise of the amplifier", "A/sqrt(Hz)", 0, 1)
+    ] = 0.0,
+    temperature_c: Annotated[
+        float, Quantity("temperature of diode and resistor", "deg C", -40, 100)
+    ] = 20.0,
+    amps_per_count: Annotated[
+        float | None, Quantity("photocurrent of one count", "A", 1e-18, 1)
+    ] = None,
     watts_per_m2_per_count: Annotated[
-        float | None, Quantity("irradiance", "W/m^2", 1e-15, 1e6)
+        float | None, Quantity("irradiance of one count", "W/m^2", 1e-15, 1e6)
     ] = None,
 ) -> Noise:
     """Noise of a photodiode and its amplifier from the data sheet (Eren et al. 2016, eq. 7).
@@ -103,7 +115,9 @@ def photodiode(
 def saturation(
     array: DetectorArray,
     *,
-    level_counts: Annotated[float, Quantity("largest analogue reading", "counts", 1, 1e6)],
+    level_counts: Annotated[
+        float, Quantity("largest reading that photodiode and amplifier can give", "counts", 1, 1e6)
+    ],
 ) -> Saturation:
     """Clip at the largest signal that photodiode and amplifier can give."""
     return Saturation(level_counts)
@@ -137,9 +151,10 @@ def detection(waveform: Waveform, lamps: int) -> Detection:
 def demodulation(
     array: DetectorArray,
     *,
-    waveform: Annotated[Waveform, Quantity("of the lamp")],
+    waveform: Annotated[Waveform, Quantity("waveform of the modulated lamps")],
     pedestal_counts: Annotated[
-        float, Quantity("reading of darkness, so that noise stays above 0", "counts", 0, 1e4)
+        float,
+        Quantity("reading in darkness, high enough that noise stays above 0", "counts", 0, 1e4),
     ] = 20.0,
 ) -> tuple[Demodulation, Background]:
     """Modulate the lamps and detect them synchronously, which takes daylight out of the readings.
@@ -176,7 +191,7 @@ def largest_demodulated(
 def pedestal(
     array: DetectorArray,
     *,
-    level_counts: Annotated[float, Quantity("reading of darkness", "counts", 0, 1e4)],
+    level_counts: Annotated[float, Quantity("reading in darkness", "counts", 0, 1e4)],
 ) -> Background:
     """Raise all readings by what the sender adds, so that noise in the dark stays above 0.
 

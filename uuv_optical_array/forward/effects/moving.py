@@ -14,7 +14,7 @@ from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.effects.forms import Moving
 from uuv_optical_array.forward.light import ALONG, TO_X, TO_Z
 
-Seed = Annotated[int, Quantity("of the draw", "", 0, 2**31 - 1)]
+Seed = Annotated[int, Quantity("seed of the random numbers", "", 0, 2**31 - 1)]
 WAVES = 16  # of which the slow drift is the sum
 CLOUDS = 12  # in one period of the plume
 
@@ -22,8 +22,10 @@ CLOUDS = 12  # in one period of the plume
 def lamp_flicker(
     array: DetectorArray,
     *,
-    depth: Annotated[float, Quantity("amplitude, of the lamp's power", "", 0, 0.99)],
-    frequency_hz: Annotated[float, Quantity("of the light, twice the mains'", "Hz", 1e-3, 1e6)],
+    depth: Annotated[float, Quantity("amplitude, relative to the lamp's mean power", "", 0, 0.99)],
+    frequency_hz: Annotated[
+        float, Quantity("frequency of the light, twice that of the mains", "Hz", 1e-3, 1e6)
+    ],
 ) -> Moving:
     """Let the lamp flicker, ``1 + depth sin(2 pi f t)``, as a lamp on alternating current does."""
 
@@ -38,8 +40,8 @@ def lamp_flicker(
 def lamp_drift(
     array: DetectorArray,
     *,
-    std: Annotated[float, Quantity("of the power's logarithm", "", 0, 1)],
-    time_scale_s: Annotated[float, Quantity("time in which it changes", "s", 0.1, 1e6)],
+    std: Annotated[float, Quantity("standard deviation of the logarithm of the power", "", 0, 1)],
+    time_scale_s: Annotated[float, Quantity("correlation time of the power", "s", 0.1, 1e6)],
     seed: Seed,
 ) -> Moving:
     """Let the lamp's power drift slowly, as by a battery or a warming lamp.
@@ -62,11 +64,19 @@ def plume(
     array: DetectorArray,
     *,
     depth: Annotated[float, Quantity("optical depth in the middle of a cloud", "", 0, 20)],
-    size_m: Annotated[float, Quantity("standard deviation of a cloud", "m", 0.01, 10)],
-    speed_m_per_s: Annotated[float, Quantity("drift of the clouds to port", "m/s", -5, 5)],
-    distance_m: Annotated[float, Quantity("from the lamp, along the beam", "m", 0.01, 100)],
+    size_m: Annotated[
+        float, Quantity("standard deviation of the Gaussian profile of a cloud", "m", 0.01, 10)
+    ],
+    speed_m_per_s: Annotated[
+        float, Quantity("speed of the clouds, positive to port", "m/s", -5, 5)
+    ],
+    distance_m: Annotated[
+        float, Quantity("distance of the clouds from the lamp, along the beam", "m", 0.01, 100)
+    ],
     seed: Seed,
-    extent_m: Annotated[float, Quantity("length after which clouds recur", "m", 0.1, 1000)] = 10.0,
+    extent_m: Annotated[
+        float, Quantity("distance after which the pattern of clouds recurs", "m", 0.1, 1000)
+    ] = 10.0,
 ) -> Moving:
     """Dim part of the beam by drifting clouds of sediment or bubbles.
 

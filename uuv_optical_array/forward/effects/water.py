@@ -107,12 +107,14 @@ def ambient(
     array: DetectorArray,
     *,
     level_counts: Annotated[
-        float | None, Quantity("reading without the lamp", "counts", 0, 1e6)
+        float | None, Quantity("reading by daylight alone", "counts", 0, 1e6)
     ] = None,
     surface_counts: Annotated[
-        float | None, Quantity("that reading at the surface", "counts", 0, 1e12)
+        float | None, Quantity("reading by daylight alone at the surface", "counts", 0, 1e12)
     ] = None,
-    depth_m: Annotated[float | None, Quantity("array below the surface", "m", 0, 11_000)] = None,
+    depth_m: Annotated[
+        float | None, Quantity("depth of the array below the surface", "m", 0, 11_000)
+    ] = None,
     k_per_m: KPerM = None,
     water: Water | None = None,
     wavelength_nm: WavelengthNm = None,
@@ -144,7 +146,9 @@ def hanning_blur(side: int, spacing_m: float, window_m: float) -> Array:
 def forward_scatter(
     array: DetectorArray,
     *,
-    window_m: Annotated[float, Quantity("full width on the array", "m", 1e-3, 10)],
+    window_m: Annotated[
+        float, Quantity("full width of the Hanning window on the array", "m", 1e-3, 10)
+    ],
 ) -> Blur:
     """Blur the image with a two-dimensional Hanning window (Eren et al. 2016, eq. 6).
 

@@ -33,25 +33,38 @@ class LampSettings:
     """
 
     beam_sigma_deg: Annotated[
-        float, Quantity("standard deviation of the beam, unless photometry has it", "deg", 0.1, 90)
+        float,
+        Quantity("standard deviation of the beam, unless photometry gives it", "deg", 0.1, 90),
     ]
     reference_counts: Annotated[
-        float, Quantity("largest reading, aligned at the reference", "counts", 1, 1e6)
+        float,
+        Quantity("largest reading of an aligned array at the reference range", "counts", 1, 1e6),
     ]
     reference_range_m: Annotated[
-        float, Quantity("base_link behind the lamp for that reading", "m", 0.1, 1000)
+        float, Quantity("distance of base_link behind the lamp for that reading", "m", 0.1, 1000)
     ]
     beam_widths: Annotated[
-        Numbers | None, Quantity("of two or three Gaussians, by beam_sigma_deg", "", 0.01, 100)
+        Numbers | None,
+        Quantity("widths of two or three Gaussians, relative to beam_sigma_deg", "", 0.01, 100),
     ] = None
     beam_weights: Annotated[
-        Numbers | None, Quantity("of each on the axis, 1 in all", "", -10, 10)
+        Numbers | None,
+        Quantity("share of each Gaussian in the light on the axis; their sum is 1", "", -10, 10),
     ] = None
     behind_m: Annotated[
-        float, Quantity("of its face, on its axis: whence light seems to come", "m", -1, 1)
+        float,
+        Quantity(
+            "distance from the lamp's face back to the apparent source of its light", "m", -1, 1
+        ),
     ] = 0.0
     floor_counts: Annotated[
-        float, Quantity("of its light, if modulated, that comes from all around", "counts", 0, 1e6)
+        float,
+        Quantity(
+            "reading by the light of a modulated lamp that arrives from all directions",
+            "counts",
+            0,
+            1e6,
+        ),
     ] = 0.0
     photometry: Annotated[
         str | None, Quantity("path of an IES or EULUMDAT file, in place of all beam_ keys")

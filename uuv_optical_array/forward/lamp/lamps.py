@@ -32,25 +32,33 @@ APART_M, APART_DEG = 0.01, 0.1
 class BeaconLamp:
     """One of several lamps: its frame in ``beacon``, whose -x is the beam's axis, and its share."""
 
-    x_m: Annotated[float, Quantity("ahead of the beacon's origin", "m", -10, 10)] = 0.0
-    y_m: Annotated[float, Quantity("to port", "m", -10, 10)] = 0.0
-    z_m: Annotated[float, Quantity("up", "m", -10, 10)] = 0.0
-    pitch_deg: Annotated[float, Quantity("positive turns the beam up", "deg", -45, 45)] = 0.0
-    yaw_deg: Annotated[float, Quantity("positive turns it to starboard", "deg", -45, 45)] = 0.0
-    power: Annotated[float, Quantity("relative to the others", "", 1e-3, 1e3)] = 1.0
+    x_m: Annotated[float, Quantity("position ahead of the beacon's origin", "m", -10, 10)] = 0.0
+    y_m: Annotated[float, Quantity("position to port of the beacon's origin", "m", -10, 10)] = 0.0
+    z_m: Annotated[float, Quantity("position above the beacon's origin", "m", -10, 10)] = 0.0
+    pitch_deg: Annotated[
+        float, Quantity("pitch of the beam; a positive one turns it up", "deg", -45, 45)
+    ] = 0.0
+    yaw_deg: Annotated[
+        float, Quantity("yaw of the beam; a positive one turns it to starboard", "deg", -45, 45)
+    ] = 0.0
+    power: Annotated[float, Quantity("power relative to the other lamps", "", 1e-3, 1e3)] = 1.0
     beam_sigma_deg: Annotated[
-        float | None, Quantity("null: that of the scene's lamp", "deg", 0.1, 90)
+        float | None,
+        Quantity("standard deviation of the beam; null: that of the scene's lamp", "deg", 0.1, 90),
     ] = None
     floor_counts: Annotated[
-        float, Quantity("of its light that comes from all around", "counts", 0, 1e6)
+        float,
+        Quantity(
+            "reading by the light of this lamp that arrives from all directions", "counts", 0, 1e6
+        ),
     ] = 0.0
 
 
 def ring_of_lamps(
     *,
-    lamps: Annotated[int, Quantity("how many lamps", "", 1, MOST_LAMPS)],
-    spread_m: Annotated[float, Quantity("distance of each from the centre", "m", 0, 10)],
-    tilt_deg: Annotated[float, Quantity("of each axis, outwards", "deg", 0, 45)],
+    lamps: Annotated[int, Quantity("number of lamps", "", 1, MOST_LAMPS)],
+    spread_m: Annotated[float, Quantity("distance of each lamp from the centre", "m", 0, 10)],
+    tilt_deg: Annotated[float, Quantity("tilt of each lamp's axis, outwards", "deg", 0, 45)],
 ) -> tuple[BeaconLamp, ...]:
     """Return lamps of equal power, evenly on a ring from its top on; none for one lamp."""
     if lamps == 1:

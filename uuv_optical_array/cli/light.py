@@ -35,7 +35,7 @@ from uuv_optical_array.layouts.readings import (
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.places import LEAST_STD, POSE
 
-UNIT = Quantity("of one unit of a table's readings, such as a volt", "counts", 1e-9, 1e9)
+UNIT = Quantity("counts of one unit of a table's readings, such as a volt", "counts", 1e-9, 1e9)
 LEAST_COUNTS = 10.0  # of the brightest reading; a lamp's reference is 1 at least
 SETTINGS = {"counts_per_unit": Setting(float, UNIT, 1.0, optional=False)}
 

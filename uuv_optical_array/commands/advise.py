@@ -42,9 +42,9 @@ from uuv_optical_array.studies.tradeoff import SETTINGS_CSV, Measurement
 POSITION_M, ANGLE_DEG = SPECIFIED
 BOUNDED = 200  # poses whose bound is shown
 NEEDS = {
-    "rate": (Quantity("frames a second", "Hz", 0.001, 1e6), 10.0),
-    "position": (Quantity("largest RMS distance from the truth", "m", 1e-6, 1e3), POSITION_M),
-    "angle": (Quantity("largest RMS of pitch and yaw together", "deg", 1e-6, 360), ANGLE_DEG),
+    "rate": (Quantity("rate of the frames", "Hz", 0.001, 1e6), 10.0),
+    "position": (Quantity("largest RMS error of the position", "m", 1e-6, 1e3), POSITION_M),
+    "angle": (Quantity("largest RMS error of pitch and yaw together", "deg", 1e-6, 360), ANGLE_DEG),
 }
 UNITS = {
     "position_m": ("position", "m"),

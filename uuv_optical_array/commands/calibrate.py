@@ -52,8 +52,8 @@ from uuv_optical_array.plots.style import save
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.places import LEAST_STD, POSE, with_places
 
-POSITION = Quantity("standard deviation of x, y and z; 0: exact", "m", 0, 10)
-ATTITUDE = Quantity("of pitch and yaw; 0: exact", "deg", 0, 90)
+POSITION = Quantity("standard deviation of the poses' x, y and z; 0: exact", "m", 0, 10)
+ATTITUDE = Quantity("standard deviation of the poses' pitch and yaw; 0: exact", "deg", 0, 90)
 STDS = {
     "position_std_m": Setting(float, POSITION, 0.0, optional=False),
     "attitude_std_deg": Setting(float, ATTITUDE, 0.0, optional=False),

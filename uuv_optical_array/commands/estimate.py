@@ -49,7 +49,7 @@ from uuv_optical_array.recording.places import LEAST_STD, POSE
 from uuv_optical_array.recording.replay import CHUNK_FRAMES, replay
 from uuv_optical_array.recording.results import write_results
 
-OFFSET = Quantity("to add to the stamps of images, as calibrate prints it", "s", -1e6, 1e6)
+OFFSET = Quantity("offset to add to the stamps of images, as calibrate prints it", "s", -1e6, 1e6)
 SETTINGS = bag.READING | light.SETTINGS
 SETTINGS |= {"time_offset_s": Setting(float, OFFSET, 0.0, optional=False)}
 

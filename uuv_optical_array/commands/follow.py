@@ -43,7 +43,7 @@ from uuv_optical_array.plots.follow import draw_follow
 from uuv_optical_array.plots.style import save
 from uuv_optical_array.recording.bag import BagWriter
 
-DURATION = Quantity("from the leader's start", "s", 1e-3, 1e6)
+DURATION = Quantity("duration of the run from the leader's start", "s", 1e-3, 1e6)
 SEED = Quantity(
     "seed of sea and noise (default: the parameter file's, by default a new one)", "", -1, 2**31 - 1
 )
@@ -58,7 +58,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_number(parser, "seed", SEED, None, int)
     about = "the sea is exactly the scene's, not drawn from its prior"
     parser.add_argument("--exact-sea", action="store_true", help=about)
-    options.add_number(parser, "followers", Quantity("how many followers", "", 1, MOST), 1)
+    options.add_number(parser, "followers", Quantity("number of followers", "", 1, MOST), 1)
     unchained = "the leader's lamp lights all followers, at most three"
     parser.add_argument("--no-chain", action="store_true", help=unchained)
     about = "ROS parameters; others keep their default (default: none)"

@@ -29,7 +29,7 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.view import LOOPBACK, PORT
 
 SEED = Quantity("seed of the noise (default: a new one)", "", 0, options.SEED.high)
-PORTS = Setting(int, Quantity("port", "", 1, 65535), PORT, optional=False)
+PORTS = Setting(int, Quantity("port of the page", "", 1, 65535), PORT, optional=False)
 SCREENSHOT_S = 45.0  # time of the simulation or the bag that --screenshot shows
 
 

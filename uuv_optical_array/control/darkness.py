@@ -43,29 +43,42 @@ class SearchSettings(SightSettings):
     """What a follower does without light."""
 
     coast_s: Annotated[
-        float, Quantity("without light until it searches; its leader may turn later", "s", 0, 60)
+        float, Quantity("time without light after which the follower searches", "s", 0, 60)
     ] = 8.0
     search_time_s: Annotated[
-        float, Quantity("without light until the search ends; 0: none", "s", 0, 3600)
+        float,
+        Quantity("time without light after which the search ends; 0: no search", "s", 0, 3600),
     ] = 90.0
     search_start_s: Annotated[
-        float, Quantity("without light at the start until it searches; 0: never", "s", 0, 600)
+        float,
+        Quantity("time without light at the start after which it searches; 0: never", "s", 0, 600),
     ] = 5.0
     search_distance_m: Annotated[
-        float, Quantity("farthest from where its leader was seen or heard last", "m", 0, 1000)
+        float,
+        Quantity(
+            "largest distance of a search from where its leader was seen or heard last",
+            "m",
+            0,
+            1000,
+        ),
     ] = 40.0
     search_depth_m: Annotated[
         float,
-        Quantity("farthest above and below where light last steered, until it does", "m", 0, 100),
+        Quantity("largest change of depth from where light last steered", "m", 0, 100),
     ] = 3.0
     search_turn_deg: Annotated[
-        float, Quantity("farthest from the heading at which the light went", "deg", 0, 180)
+        float,
+        Quantity(
+            "largest turn of a search from the heading at which the light was lost", "deg", 0, 180
+        ),
     ] = 150.0
     settle_s: Annotated[
-        float, Quantity("for which poses agree before light that came back steers", "s", 0, 10)
+        float,
+        Quantity("time for which poses must agree before light that came back steers", "s", 0, 10),
     ] = 1.0
     when_lost: Annotated[
-        LostAction, Quantity("what follows a search in vain: hold the place, rise, or disengage")
+        LostAction,
+        Quantity("action after a search without success: hold the place, rise, or disengage"),
     ] = "hold"
 
 

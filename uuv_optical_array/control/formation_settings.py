@@ -15,32 +15,39 @@ class FormationSettings:
 
     station_m: Annotated[Place, STATION] = (-4.5, 0.0, 0.0)
     min_distance_m: Annotated[
-        float, Quantity("nearest to the lamp; 0 for no minimum", "m", 0, 50)
+        float, Quantity("smallest distance from the lamp; 0: no minimum", "m", 0, 50)
     ] = 2.0
-    position_gain_per_s: Annotated[float, Quantity("speed per position error", "1/s", 0.01, 2)] = (
-        0.4
-    )
-    attitude_gain_per_s: Annotated[
-        float, Quantity("turn rate per attitude error", "1/s", 0.01, 2)
+    position_gain_per_s: Annotated[
+        float, Quantity("commanded speed per position error", "1/s", 0.01, 2)
     ] = 0.4
-    smoothing_s: Annotated[float, Quantity("time constant of the command", "s", 0.01, 10)] = 0.5
-    max_surge_m_per_s: Annotated[float, Quantity("fastest surge", "m/s", 0.01, 5)] = 1.4
-    max_sway_m_per_s: Annotated[float, Quantity("fastest sway and heave", "m/s", 0.01, 5)] = 1.0
-    max_turn_deg_per_s: Annotated[float, Quantity("fastest turn", "deg/s", 0.1, 90)] = 30.0
+    attitude_gain_per_s: Annotated[
+        float, Quantity("commanded turn rate per attitude error", "1/s", 0.01, 2)
+    ] = 0.4
+    smoothing_s: Annotated[
+        float, Quantity("time constant of the low-pass filter of the command", "s", 0.01, 10)
+    ] = 0.5
+    max_surge_m_per_s: Annotated[float, Quantity("largest surge speed", "m/s", 0.01, 5)] = 1.4
+    max_sway_m_per_s: Annotated[float, Quantity("largest sway and heave speed", "m/s", 0.01, 5)] = (
+        1.0
+    )
+    max_turn_deg_per_s: Annotated[float, Quantity("largest turn rate", "deg/s", 0.1, 90)] = 30.0
     max_acceleration_m_per_s2: Annotated[
-        float, Quantity("of the commanded speed", "m/s^2", 0.01, 5)
+        float, Quantity("largest acceleration of the commanded speed", "m/s^2", 0.01, 5)
     ] = 1.0
     max_acceleration_deg_per_s2: Annotated[
-        float, Quantity("of the commanded turn", "deg/s^2", 0.1, 90)
+        float, Quantity("largest acceleration of the commanded turn rate", "deg/s^2", 0.1, 90)
     ] = 30.0
     light_timeout_s: Annotated[
-        float, Quantity("without a pose until the light is lost", "s", 0.1, 60)
+        float, Quantity("time without a pose after which the light is lost", "s", 0.1, 60)
     ] = 1.0
     stop_time_s: Annotated[
-        float, Quantity("to come to rest in, which caps the approach", "s", 0.1, 60)
+        float,
+        Quantity(
+            "time from lost light to standstill, which limits the approach speed", "s", 0.1, 60
+        ),
     ] = 3.0
     bow_to_lamp: Annotated[
-        bool, Quantity("point the bow at the lamp, in place of along the leader's")
+        bool, Quantity("point the bow at the lamp, instead of along the leader's heading")
     ] = False
 
     def __post_init__(self) -> None:

@@ -13,7 +13,7 @@ from uuv_optical_array.core.geometry import FLU_FRD, Array
 from uuv_optical_array.core.settings import Quantity
 
 BEACON_FRAME, FOLLOWER_FRAME = "leader/beacon", "base_link_by_light"
-BEACON_POSITION = Quantity("the lamp in the leader's base_link", "m", -100, 100)
+BEACON_POSITION = Quantity("position of the lamp in the leader's base_link", "m", -100, 100)
 ROLL_STD_RAD = 0.02
 MAX_LENGTH_ERROR = 1e-2  # of a quaternion, by rounding
 MAX_POSITION_M = 1e8  # beyond any place on Earth in any of its grids

@@ -46,18 +46,18 @@ METHODS: tuple[Method, ...] = get_args(Method)
 class EstimatorSettings:
     """How poses are found and which are refused; parameters of `Estimator` and of its node."""
 
-    method: Annotated[Method, Quantity("how the pose is found")] = "least_squares"
+    method: Annotated[Method, Quantity("method of the estimate")] = "least_squares"
     max_angle_rad: Annotated[
         float, Quantity("largest spectral angle of a match", "rad", 0, math.pi)
     ] = 0.25
     neighbours: Annotated[
-        int, Quantity("table rows that the sam methods average", "rows", 2, 10_000)
+        int, Quantity("number of rows of the table that the sam methods average", "rows", 2, 10_000)
     ] = 64
     candidates: Annotated[
-        int, Quantity("poses that least_squares starts from", "poses", 1, MOST_STARTS)
+        int, Quantity("number of poses from which least_squares starts", "poses", 1, MOST_STARTS)
     ] = 3
     max_misfit: Annotated[
-        float, Quantity("probability that a valid image is refused", "", 0, 0.5)
+        float, Quantity("probability that a valid image is refused for its residuals", "", 0, 0.5)
     ] = 1e-5
 
 

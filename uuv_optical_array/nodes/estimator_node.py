@@ -58,38 +58,47 @@ from uuv_optical_array.nodes.shared.rest import Rest
 
 PARAMETERS = {
     **shared("scene", "frame_prefix", "base_frame", "beacon_position_m", "publish_tf"),
-    "table": Parameter("", Quantity("folder of the signature table; empty: built in memory")),
+    "table": Parameter("", Quantity("folder of the signature table; empty: it is built in memory")),
     **parameters_of(EstimatorSettings),
     "use_image": Parameter(
-        True, Quantity("read array/image, by which the sam methods check a match"), True
+        True, Quantity("read array/image, with which the sam methods check a match"), True
     ),
     **parameters_of(FeatureSettings),
     "use_imu": Parameter(False, Quantity("read the follower's roll from imu"), True),
     "max_imu_age_s": Parameter(
-        0.2, Quantity("largest time between an image and its roll", "s", 0.001, 10)
+        0.2,
+        Quantity("largest time between an image and the roll that is used with it", "s", 0.001, 10),
     ),
     "roll_std_rad": Parameter(
-        ROLL_STD_RAD, Quantity("of the roll, from imu or taken as 0", "rad", 1e-6, 3)
+        ROLL_STD_RAD,
+        Quantity(
+            "standard deviation of the roll, whether read from imu or taken as 0", "rad", 1e-6, 3
+        ),
     ),
     "use_commands": Parameter(True, Quantity("read the follower's own motion from cmd_vel"), True),
     "use_range": Parameter(False, Quantity("read the distance to the lamp from range"), True),
     "range_std_m": Parameter(
-        0.2, Quantity("of a range whose message has no variance", "m", LEAST_M, MAX_STD_M)
+        0.2,
+        Quantity(
+            "standard deviation of a range whose message has no variance", "m", LEAST_M, MAX_STD_M
+        ),
     ),
-    "tracking": Parameter(True, Quantity("filter the poses and learn constants")),
+    "tracking": Parameter(
+        True, Quantity("filter the poses of many images and estimate the constants of the sea")
+    ),
     **parameters_of(TrackerSettings),
     **shared("beacon_frame"),
     "tf_child_frame": Parameter(
-        FOLLOWER_FRAME, Quantity("the follower's frame in pose and odometry"), True
+        FOLLOWER_FRAME, Quantity("frame of the follower in pose and odometry"), True
     ),
     "tf_parent": Parameter(
         "beacon",
-        Quantity("on /tf: tf_child_frame below beacon_frame, or this below base_frame"),
+        Quantity("on /tf: beacon_frame is parent of tf_child_frame, or base_frame of beacon_frame"),
         True,
         ("beacon", "base"),
     ),
     "leader_frame": Parameter(
-        "leader/base_link", Quantity("above beacon_frame on /tf_static; empty: none"), True
+        "leader/base_link", Quantity("parent of beacon_frame on /tf_static; empty: none"), True
     ),
 }
 # What needs a new estimator, and what a new track.

@@ -37,12 +37,14 @@ PARAMETERS = {
     **shared("scene", "frame_prefix", "base_frame", "beacon_frame", "beacon_position_m"),
     **parameters_of(FormationSettings),
     **parameters_of(SearchSettings),
-    "rate_hz": Parameter(10.0, Quantity("commands a second", "Hz", 0.1, 1000), True),
+    "rate_hz": Parameter(10.0, Quantity("rate of the commands", "Hz", 0.1, 1000), True),
     "start_engaged": Parameter(
-        True, Quantity("steer from the start, or when ~/engage says so"), True
+        True, Quantity("steer from the start; false: steer when ~/engage says so"), True
     ),
     "use_odometry": Parameter(
-        False, Quantity("read the follower's own motion from odometry, for the dark"), True
+        False,
+        Quantity("read the follower's own motion from odometry, for times without light"),
+        True,
     ),
     "use_leader_odometry": Parameter(
         False, Quantity("read the leader's own motion from leader/odometry"), True

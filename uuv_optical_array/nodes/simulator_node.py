@@ -39,27 +39,30 @@ PARAMETERS = {
     ),
     "lamp_power": Parameter([1.0], LAMP_POWER, any_length=True),
     "others": Parameter(
-        "", Quantity("odometry topics of other vehicles, with spaces between; empty: none"), True
+        "", Quantity("odometry topics of other vehicles, separated by spaces; empty: none"), True
     ),
     "code_by_vehicle": Parameter(
-        True, Quantity("whether `demodulation` tells their lamps from the leader's"), True
+        True,
+        Quantity("whether `demodulation` separates other vehicles' lamps from the leader's"),
+        True,
     ),
     "range_std_m": Parameter(
-        0.0, Quantity("of the simulated range to the lamp; 0: there is none", "m", 0, 100)
+        0.0,
+        Quantity("standard deviation of the simulated range to the lamp; 0: no range", "m", 0, 100),
     ),
     "range_rate_hz": Parameter(
-        1.0, Quantity("simulated ranges a second, at most one an image", "Hz", 0.01, 1000)
+        1.0, Quantity("rate of the simulated ranges, at most one with each image", "Hz", 0.01, 1000)
     ),
     "draw_sea": Parameter(
         True,
-        Quantity("whether the sea is drawn from the scene's prior; else it is the scene's"),
+        Quantity("draw the sea from the scene's prior; false: it is exactly the scene's"),
         True,
     ),
     "seed": Parameter(
-        -1, Quantity("of noise and sea; -1: a new one at each start", "", -1, 2**31 - 1), True
+        -1, Quantity("seed of noise and sea; -1: a new one at each start", "", -1, 2**31 - 1), True
     ),
     "array_frame": Parameter(
-        "", Quantity("of the image; empty: `array` beside the follower's base_link"), True
+        "", Quantity("frame of the image; empty: `array` beside the follower's base_link"), True
     ),
 }
 SEEDS = 2**31

@@ -51,29 +51,38 @@ PARAMETERS = {
     **shared("frame_prefix", "publish_tf"),
     "vehicles": Parameter(
         "both",
-        Quantity("which swim; a follower alone starts from the leader's odometry"),
+        Quantity("vehicles that swim; a follower alone starts from the leader's odometry"),
         True,
         ("both", "leader", "follower"),
     ),
     "followers": Parameter(
-        1, Quantity("that a leader alone waits for: follower_1/cmd_vel, ...", "", 1, 100), True
+        1,
+        Quantity(
+            "number of followers that a leader alone waits for: follower_1/cmd_vel, ...", "", 1, 100
+        ),
+        True,
     ),
     "vehicle_model": Parameter(
-        "kinematic", Quantity("velocities within limits, or a BlueROV2"), True, tuple(MODELS)
+        "kinematic",
+        Quantity("model of both vehicles: velocities within limits, or a BlueROV2"),
+        True,
+        tuple(MODELS),
     ),
     "leader_path": Parameter(
-        "demonstration", Quantity("that the leader swims: a ready one's name or a CSV file"), True
+        "demonstration",
+        Quantity("path of the leader: the name of a ready one, or a CSV file"),
+        True,
     ),
     "current_m_per_s": Parameter([0.0, 0.0, 0.0], CURRENT),
     **parameters_of(WaveSettings),
-    "rate_hz": Parameter(10.0, Quantity("odometry messages a second", "Hz", 1, 1000), True),
+    "rate_hz": Parameter(10.0, Quantity("rate of the odometry messages", "Hz", 1, 1000), True),
     "station_m": Parameter(
         list(FormationSettings.station_m),
-        Quantity("in the leader's base_link; the follower starts near it", "m", -50, 50),
+        Quantity("station in the leader's base_link; the follower starts near it", "m", -50, 50),
         True,
     ),
     "command_timeout_s": Parameter(
-        1.0, Quantity("age of cmd_vel from which its vehicle stops", "s", 0.05, 60)
+        1.0, Quantity("age of cmd_vel beyond which its vehicle stops", "s", 0.05, 60)
     ),
     "world_frame": Parameter("odom", Quantity("frame of both odometries"), True),
 }

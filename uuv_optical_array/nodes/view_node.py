@@ -29,9 +29,15 @@ from uuv_optical_array.view.sight import Sight
 
 PARAMETERS = {
     **shared("scene", "beacon_position_m", "odometry_axes", "max_gap_s"),
-    "host": Parameter(LOOPBACK, Quantity("of the page; 0.0.0.0: for the whole network"), True),
-    "port": Parameter(PORT, Quantity("of the page, or the next free one", "", 1, 65535), True),
-    "max_rate_hz": Parameter(10.0, Quantity("of shown images", "Hz", 0.1, 100)),
+    "host": Parameter(
+        LOOPBACK, Quantity("address of the page; 0.0.0.0: for the whole network"), True
+    ),
+    "port": Parameter(
+        PORT, Quantity("port of the page; where it is taken, the next free one", "", 1, 65535), True
+    ),
+    "max_rate_hz": Parameter(
+        10.0, Quantity("largest rate of the images that are shown", "Hz", 0.1, 100)
+    ),
 }
 
 

@@ -128,13 +128,21 @@ def read_recording(
     poses_needed: bool = True,
     lamps: int = 1,
     *,
-    image_topic: Annotated[str, Quantity("of the images")] = "array/image",
-    leader_topic: Annotated[str, Quantity("of the leader's odometry")] = "leader/odometry",
-    follower_topic: Annotated[str, Quantity("of the follower's odometry")] = "follower/odometry",
-    commands_topic: Annotated[str, Quantity("of the follower's commands, for a track")] = "cmd_vel",
-    states_topic: Annotated[str, Quantity("of the follower's states, to show")] = "follow_state",
+    image_topic: Annotated[str, Quantity("topic of the images")] = "array/image",
+    leader_topic: Annotated[str, Quantity("topic of the leader's odometry")] = "leader/odometry",
+    follower_topic: Annotated[
+        str, Quantity("topic of the follower's odometry")
+    ] = "follower/odometry",
+    commands_topic: Annotated[
+        str, Quantity("topic of the follower's commands, for a track")
+    ] = "cmd_vel",
+    states_topic: Annotated[
+        str, Quantity("topic of the follower's states, which are shown")
+    ] = "follow_state",
     beacon_position_m: Annotated[Place, messages.BEACON_POSITION] = (0.0, 0.0, 0.0),
-    odometry_axes: Annotated[Axes, Quantity("of base_link in both odometries")] = "flu",
+    odometry_axes: Annotated[
+        Axes, Quantity("axes of both odometries: REP 103, or NED and forward-right-down")
+    ] = "flu",
     max_gap_s: Annotated[float, MAX_GAP] = MAX_GAP_S,
 ) -> Recording:
     """Read the images of a bag, and their poses from both odometries.

@@ -19,9 +19,14 @@ NEAREST_M = 0.5  # nearer a lamp is as bright as there
 class SightSettings:
     """From where a lamp is seen."""
 
-    sight_m: Annotated[float, Quantity("range at which the lamp is seen", "m", 1, 200)] = 15.0
+    sight_m: Annotated[
+        float, Quantity("largest range at which the lamp is seen on its axis", "m", 1, 200)
+    ] = 15.0
     sight_deg: Annotated[
-        float, Quantity("off the lamp's axis, to where it is seen at half of sight_m", "deg", 1, 90)
+        float,
+        Quantity(
+            "largest angle off the lamp's axis at which it is seen at half of sight_m", "deg", 1, 90
+        ),
     ] = 20.0
 
     def on_axis(self, range_m: ArrayLike) -> Array:

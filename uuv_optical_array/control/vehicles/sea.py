@@ -31,13 +31,16 @@ class WaveSettings:
     Within the bounds no wave is so steep that it breaks: 0.142 of its length (Miche, 1944).
     """
 
-    wave_height_m: Annotated[float, Quantity("from trough to crest; 0: no waves", "m", 0, 3)] = 0.0
+    wave_height_m: Annotated[
+        float, Quantity("height of the waves from trough to crest; 0: no waves", "m", 0, 3)
+    ] = 0.0
     wave_period_s: Annotated[float, Quantity("period of the waves", "s", 4, 15)] = 8.0
     wave_direction_deg: Annotated[
-        float, Quantity("to where: 0 along x, 90 along y", "deg", -360, 360)
+        float,
+        Quantity("direction in which the waves travel: 0 along x, 90 along y", "deg", -360, 360),
     ] = 0.0
     depth_m: Annotated[
-        float, Quantity("of the world's origin below the still surface", "m", 0, 1000)
+        float, Quantity("depth of the world's origin below the still surface", "m", 0, 1000)
     ] = 10.0
 
 

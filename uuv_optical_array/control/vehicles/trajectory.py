@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
 
-MAX_GAP = Quantity("longest interpolated gap in an odometry", "s", 0.001, 10)
+MAX_GAP = Quantity("longest gap in an odometry that is interpolated", "s", 0.001, 10)
 MAX_GAP_S = 0.5  # the default
 
 

@@ -36,7 +36,7 @@ class FeatureSettings:
     """What is no image of the lamp; parameters of the feature node."""
 
     min_peak_counts: Annotated[
-        float, Quantity("peak below which it is dark", "counts", 0, 65535)
+        float, Quantity("peak below which an image has no light", "counts", 0, 65535)
     ] = 5.0
 
 

@@ -11,27 +11,41 @@ class TrackerSettings:
     """The motion and the errors to expect, and when to forget."""
 
     velocity_walk_m_per_s: Annotated[
-        float, Quantity("random change of relative velocity in 1 s", "m/s", 1e-4, 10)
+        float,
+        Quantity(
+            "standard deviation of the change of the relative velocity in 1 s", "m/s", 1e-4, 10
+        ),
     ] = 0.1
     turn_walk_deg_per_s: Annotated[
-        float, Quantity("random change of relative turn rate in 1 s", "deg/s", 1e-3, 500)
+        float,
+        Quantity(
+            "standard deviation of the change of the relative turn rate in 1 s", "deg/s", 1e-3, 500
+        ),
     ] = 2.0
     common_share: Annotated[
-        float, Quantity("share of a pose's variance common to all frames", "", 0, 0.99)
+        float, Quantity("share of a pose's variance that is common to all frames", "", 0, 0.99)
     ] = 0.1
     gate_probability: Annotated[
         float, Quantity("probability that a valid frame passes the gate", "", 0.5, 1)
     ] = 0.9999
     reacquire_frames: Annotated[
-        int, Quantity("outliers in a row, the last of which begins the track anew", "", 2, 100)
+        int,
+        Quantity(
+            "number of consecutive outliers, the last of which restarts the track", "", 2, 100
+        ),
     ] = 5
     reset_after_s: Annotated[
-        float, Quantity("without a pose until the track starts anew", "s", 0.1, 60)
+        float, Quantity("time without a pose after which the track restarts", "s", 0.1, 60)
     ] = 2.0
     command_timeout_s: Annotated[
-        float, Quantity("age of a command from which the own motion is unknown", "s", 0.05, 60)
+        float,
+        Quantity(
+            "age of a command beyond which the follower's own motion is unknown", "s", 0.05, 60
+        ),
     ] = 1.0
-    buffer_s: Annotated[float, Quantity("how late a frame may come", "s", 0, 10)] = 0.5
+    buffer_s: Annotated[
+        float, Quantity("largest delay of a frame that still enters the track", "s", 0, 10)
+    ] = 0.5
     constants_hold_s: Annotated[
-        float, Quantity("time in which the sea's constants change", "s", 60, 1e7)
+        float, Quantity("time in which the constants of the sea drift to new values", "s", 60, 1e7)
     ] = 3600.0

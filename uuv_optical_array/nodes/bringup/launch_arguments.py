@@ -10,38 +10,44 @@ from uuv_optical_array.core.storage.files import PACKAGE
 
 LEVELS = "debug", "info", "warn", "error", "fatal"
 YES, NO = ("true", "True", "1"), ("false", "False", "0")
-SCENE = "ready scene's name or YAML file"
-LEADER_PATH = "", "that the demo leader swims: a ready path's name or a CSV file"
+SCENE = "name of a ready scene, or path of a YAML file"
+LEADER_PATH = "", "path of the demo leader: the name of a ready one, or a CSV file"
 COMMON = {
     "params_file": ("", "your parameters; others keep their default"),
     "use_sim_time": ("", "use simulated time, from /clock"),
-    "draw_sea": ("", "simulate a sea drawn from the scene's prior (default), or the scene's own"),
-    "use_respawn": ("false", "start a dead node again; without, the launch ends with it"),
+    "draw_sea": (
+        "",
+        "draw the sea from the scene's prior (default); false: it is exactly the scene's",
+    ),
+    "use_respawn": ("false", "start a node again that ended; false: the launch ends with it"),
     "rviz": ("false", "open RViz"),
-    "rviz_config": ("", "a file for RViz"),
+    "rviz_config": ("", "configuration file of RViz"),
     "publish_tf": ("", "send poses to /tf; with rviz this is the default"),
     "log_level": ("", f"least severity that is logged: {', '.join(LEVELS)}"),
 }
 FOLLOW = {
     "scene": ("", SCENE),
-    "namespace": ("", "of the follower's nodes"),
-    "frame_prefix": ("", "before each frame, such as `rov_2/`"),
+    "namespace": ("", "namespace of the follower's nodes"),
+    "frame_prefix": ("", "prefix of each frame's name, such as `rov_2/`"),
     "leader_frame": ("", "the leader's frame on /tf"),
-    "one_process": ("false", "feature, estimator and formation node in follower_node"),
-    "simulator": ("true", "simulate the images; not where an array takes them"),
-    "leader_odometry": ("leader/odometry", "topic, for followers that share a leader"),
-    "use_leader_odometry": ("", "follow by the leader's odometry, too, as a modem would tell it"),
+    "one_process": ("false", "run feature, estimator and formation node in follower_node"),
+    "simulator": ("true", "simulate the images; false: an array takes them"),
+    "leader_odometry": (
+        "leader/odometry",
+        "topic of the leader's odometry, for followers that share a leader",
+    ),
+    "use_leader_odometry": ("", "also follow by the leader's odometry, as a modem would send it"),
     "others": ("", "odometry topics of other vehicles that the simulator draws"),
     "demo": (
         "true",
         "run both demo vehicles, or `follower`, without a leader, or `leader`, without any node of "
         "a follower",
     ),
-    "followers": ("1", "that a leader alone waits for"),
+    "followers": ("1", "number of followers that a leader alone waits for"),
     "leader_path": LEADER_PATH,
-    "station": ("", "of the follower, [x, y, z] in the lamp's frame, m"),
+    "station": ("", "station of the follower, [x, y, z] in the lamp's frame, m"),
     "record": ("false", "record the run by rosbag2, as MCAP"),
-    "bag": ("", "new folder of the record; else named by the time"),
+    "bag": ("", "new folder of the recording; by default it is named by the time"),
     **COMMON,
 }
 FOLLOWER = {  # what follower.launch.py has instead
@@ -50,13 +56,13 @@ FOLLOWER = {  # what follower.launch.py has instead
 }
 EACH = {  # what the launch of each vehicle of a formation gets
     "scene": ("formation", SCENE),
-    "one_process": ("true", "three nodes of each follower in follower_node"),
+    "one_process": ("true", "run the three nodes of each follower in follower_node"),
     **COMMON,
 }
 FORMATION = {
-    "followers": ("3", "how many followers"),
+    "followers": ("3", "number of followers"),
     "chain": ("true", "the third and later ones are lit by a follower ahead, not the leader"),
-    "namespace": ("", "of the whole formation"),
+    "namespace": ("", "namespace of the whole formation"),
     "leader_path": LEADER_PATH,
     **EACH,
 }

@@ -160,25 +160,29 @@ class Parameters:
 
 
 SHARED = {
-    "scene": Parameter("follow", Quantity("ready scene's name or YAML file"), read_only=True),
-    "frame_prefix": Parameter(
-        "", Quantity("before each frame's name, unless that begins with /"), True
+    "scene": Parameter(
+        "follow", Quantity("name of a ready scene, or path of a YAML file"), read_only=True
     ),
-    "base_frame": Parameter("follower/base_link", Quantity("the follower's own frame"), True),
+    "frame_prefix": Parameter(
+        "", Quantity("prefix of each frame's name that does not begin with /"), True
+    ),
+    "base_frame": Parameter(
+        "follower/base_link", Quantity("frame of the follower, of cmd_vel and leader_pose"), True
+    ),
     "beacon_frame": Parameter(
-        BEACON_FRAME, Quantity("the lamp's frame; ending in _ned, it is NED"), True
+        BEACON_FRAME,
+        Quantity("frame of the lamp; its axes are NED where the name ends in _ned"),
+        True,
     ),
     "beacon_position_m": Parameter([0.0, 0.0, 0.0], BEACON_POSITION, True),
     "odometry_axes": Parameter(
         "flu",
-        Quantity("of both odometries: REP 103, or NED and forward-right-down"),
+        Quantity("axes of both odometries: REP 103, or NED and forward-right-down"),
         True,
         get_args(Axes),
     ),
     "max_gap_s": Parameter(MAX_GAP_S, MAX_GAP, True),
-    "publish_tf": Parameter(
-        False, Quantity("send frames to /tf, where tf2_msgs is installed"), True
-    ),
+    "publish_tf": Parameter(False, Quantity("send frames to /tf; this needs tf2_msgs"), True),
 }
 
 

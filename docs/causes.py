@@ -10,14 +10,18 @@ CAUSES = {
     "no pattern": (
         "All detectors read the same, dark or full scale: lamp too near, array shorted, daylight."
     ),
-    "above full scale": "A reading exceeds the scene's converter.",
+    "above full scale": "A reading exceeds the full scale of the scene's converter.",
     "not five finite numbers": "The message has no valid key parameters.",
     "not of this array": "A key parameter is impossible for the scene's array.",
     "another image": "The key parameters are not those of the image with their stamp.",
     "frozen": "A frame is equal to one of the last 32, even in its noise.",
-    "no match": "No signature is within `max_angle_rad`: beyond the table, or another sea.",
+    "no match": (
+        "No signature is within `max_angle_rad`: the pose is beyond the table, or the sea differs."
+    ),
     "no fit": "Another lamp or sea, daylight, or dirty, dead or mirrored detectors.",
-    "outlier": "Too far from the track: a reflection, another lamp, or too fast a manoeuvre.",
+    "outlier": (
+        "The pose is too far from the track: a reflection, another lamp, or too fast a manoeuvre."
+    ),
     "too uncertain": "The range is too uncertain to steer by: `mismatch`, or dark images.",
     "late frame": (
         "A newer frame came first. The late one is not published; within `buffer_s` it is tracked."
@@ -45,16 +49,16 @@ CAUSES = {
     "wrong field offsets": "The key parameters do not follow each other.",
     "pose": "The pose is out of bounds, or not later than the one before.",
     "covariance": "The covariance is missing, not positive definite or out of bounds.",
-    "range": "The range is no distance in m.",
+    "range": "The range is not a distance in m.",
     "range std": "The range has no standard deviation in m.",
     "false range": "The range is too far from the track: an echo, or a lamp or sea that changed.",
     "late range": "The range is older than `buffer_s`, and not used.",
     "repeated range": "Two ranges have the same stamp; the first is used.",
     "range without light": "No image is near the range in time. A range alone gives no pose.",
-    "late motion": "What the leader tells of its motion is older than 3 s.",
+    "late motion": "The message of the leader's motion is older than 3 s.",
     "motion": "The leader's motion is out of bounds.",
-    "false motion": "Light and what the leader tells of its motion contradict each other.",
-    "readings": "They could not be linearised.",
+    "false motion": "The light contradicts the motion that the leader sends.",
+    "readings": "The readings could not be linearised.",
     "no leader": "The leader's odometry lags far behind the follower's.",
     "no leader pose at the follower's stamp": "The leader's odometry has a gap or begins later.",
     "no state": "The message is not that of a formation node.",

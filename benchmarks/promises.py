@@ -173,7 +173,7 @@ def chosen(names: str | None) -> list[Promise]:
     wanted = groups if names is None else [name.strip() for name in names.split(",")]
     for name in wanted:
         if name not in groups:
-            raise ValueError(f"--only: {name!r} is unknown; choose of {', '.join(groups)}")
+            raise ValueError(f"--only: {name!r} is unknown; choose from {', '.join(groups)}")
     return [promise for promise in PROMISES if promise.group in wanted]
 
 

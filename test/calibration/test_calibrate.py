@@ -173,7 +173,7 @@ def test_a_bag_is_calibrated_by_a_table_of_poses_in_place_of_odometries(bag, tmp
         fit = found["parameters"][name]
         assert abs(fit["fitted"] - value) < 4 * fit["std_error"], name
     refused = run(*command(bag, tmp_path, "--detectors", table), code=2)
-    assert "is no table of readings; a bag has images of the scene's array" in refused
+    assert "is not a table of readings; a bag has images of the scene's array" in refused
 
 
 def test_a_namespaced_stack_in_ned_axes_is_read_by_its_topics(tmp_path):

@@ -368,7 +368,7 @@ def test_noise_is_found_from_the_residuals(true, started):
         ({"poses": np.full((3, 5), np.inf)}, "poses: not finite"),
         ({"pose_std": [0.1, 0.1, 0.1]}, "pose_std: .0.1, 0.1, 0.1.; give five numbers > 0"),
         ({"pose_std": [0.1, 0.1, 0.1, 0.0, 0.1]}, "give five numbers > 0"),
-        ({"hold": ["lamp"]}, "hold lamp: unknown; choose of lamp.power"),
+        ({"hold": ["lamp"]}, "hold lamp: unknown; choose from lamp.power"),
         ({"fit_noise": True, "scene": load_scene("ideal")}, "no effects.sensor_noise"),
     ],
 )

@@ -129,7 +129,7 @@ def test_a_scene_keeps_its_wiring_and_refuses_what_is_none(tmp_path):
         ([*turned[:-1], turned[0]], r"wiring\[24\]: 4 is given twice"),
         ([*turned[:-1], 25], r"wiring\[24\]: 25 is too large"),
         ([*turned[:-1], 0.5], "not a whole number"),
-        ("mirrored", "no list of whole numbers"),
+        ("mirrored", "not a list of whole numbers"),
     ):
         with pytest.raises(ValueError, match=words):
             changed("follow", array={"wiring": bad})

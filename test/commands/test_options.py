@@ -54,7 +54,7 @@ def test_settings_have_the_values_that_they_are_given_last(rate, laps, buoy):
         ("rate_hz=0", "rate_hz: 0.0 is out of bounds; it must be from 0.5 to 1000 Hz"),
         ("rate_hz=nan", "rate_hz: nan is out of bounds"),
         ("way=up", "way: 'up' is unknown; choose out or home"),
-        ("buoy_m=1,2", "buoy_m: [1.0, 2.0] is no place; give [x, y, z]"),
+        ("buoy_m=1,2", "buoy_m: [1.0, 2.0] is not a place; give [x, y, z]"),
         ("buoy_m=1,2,east", "buoy_m[2]: 'east' is not a number"),
         ("buoy_m=1,2,10", "buoy_m[2]: 10.0 is out of bounds; it must be from -9 to 9 m"),
         ("laps", "laps: no value; give laps=VALUE"),
@@ -149,7 +149,7 @@ REFUSED = [
     (("scenes", "nowhere.yaml"), "nowhere.yaml: no such file"),
     (
         ("follow", "--leader-path", "zigzags"),
-        "'zigzags' is no ready path and no file; did you mean",
+        "'zigzags' is neither a ready path nor a file; did you mean",
     ),
     (("view", "--address", ":0"), "--address: 0 is out of bounds"),
     (("view", "--screenshot", "/nowhere/view.png"), "make it first"),

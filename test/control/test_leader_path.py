@@ -185,7 +185,7 @@ def test_a_bad_file_is_refused_with_its_line_value_and_bound(tmp_path, text, wor
 @pytest.mark.parametrize("made", [lambda path: path.write_bytes(b"\xff\xfe\x00"), lambda path: 0])
 def test_what_is_no_text_or_no_file_is_refused(tmp_path, made):
     path = tmp_path / "path.csv"
-    words = "give a table as CSV in UTF-8" if made(path) else "no ready path and no file; choose"
+    words = "give a table as CSV in UTF-8" if made(path) else "nor a file; choose"
     with pytest.raises(ValueError, match=words):
         leader_path(path)
     for wrong, cure in (("zigzags", "did you mean zigzag"), ("", "choose demonstration")):

@@ -127,7 +127,7 @@ def test_a_course_that_is_not_there_is_refused(light, tmp_path):
 
     assert "it has no pose at the readings' times, 1.120 to 41.020 s" in told(late)
     late.write_text(text.replace("time_s", "t", 1))
-    assert "no column time_s; a course needs it" in told(late)
+    assert "no column time_s; give the time of each pose" in told(late)
     late.write_text("\n".join([head, *rows[::-1]]))
     assert "sort the rows by it" in told(late)
     late.write_text("\n".join([head, *rows[::40], ""]))

@@ -92,7 +92,7 @@ def test_a_pedestal_is_added_behind_gains_and_has_no_shot_noise():
     np.testing.assert_allclose(calibration.model.light([-1e6, 0, 0, 0, 0]), 0, atol=1e-6)
     seen = calibration.readings[0]
     np.testing.assert_allclose(seen, light.ravel(), rtol=1e-12)
-    with pytest.raises(ValueError, match=r"effects.pedestal: demodulation has its own"):
+    with pytest.raises(ValueError, match=r"effects.pedestal: demodulation has a pedestal"):
         scene_with(pedestal={"level_counts": 70.0})
 
 

@@ -202,20 +202,28 @@ IMPOSSIBLE = [
     ("adc", None, "effects.adc: empty; give its settings, or {} for defaults"),
     ("adc", {"bits": 10.0}, "effects.adc.bits: 10.0 is not a whole number", "1 to 16"),
     ("responsivity", {"gains": [[1.0] * 3] * 3}, "3 x 3 gains, but the array has 5 x 5"),
-    ("responsivity", {"gains": [[1.0] * 5] * 4}, "no square grid"),
+    ("responsivity", {"gains": [[1.0] * 5] * 4}, "not a square grid"),
     ("responsivity", {"gains": [[1.0] * 4 + [-1.0]] * 5}, "gains[0][4]: -1.0 is out of bounds"),
-    ("responsivity", {"gains": [[1.0]], "seed": 1, "spread": 0.1}, "gains: given beside spread"),
+    (
+        "responsivity",
+        {"gains": [[1.0]], "seed": 1, "spread": 0.1},
+        "gains: given together",
+    ),
     ("responsivity", {"spread": 0.1}, "seed: missing; give spread and seed, or else gains"),
     ("attenuation", {}, "attenuation.k_per_m: missing", "or else water and wavelength_nm"),
-    ("attenuation", {"k_per_m": 0.1, **JERLOV}, "attenuation.water: given beside k_per_m"),
+    ("attenuation", {"k_per_m": 0.1, **JERLOV}, "attenuation.water: given together with k_per_m"),
     ("attenuation", {**JERLOV, "water": "coastal_2c"}, "water: 'coastal_2c' is unknown", "3c"),
     ("attenuation", {**JERLOV, "wavelength_nm": 390}, "wavelength_nm: 390 is out", "to 700 nm"),
     ("attenuation", CLEAR, "wavelength_nm: 450, but eren2016_clear is known from 500 to 550"),
     ("ambient", {"level_counts": 5, "k_per_m": 0.1}, "ambient.k_per_m: belongs to surface"),
     ("ambient", {"surface_counts": 1e9, "depth_m": 1, "k_per_m": 0}, "at most 1e6"),
-    ("photodiode", {**DIODE, "watts_per_m2_per_count": 1.0}, "m2_per_count: given beside amps"),
+    (
+        "photodiode",
+        {**DIODE, "watts_per_m2_per_count": 1.0},
+        "given together with amps",
+    ),
     ("detector_faults", {"dead": [[5, 0]]}, "no detector [5, 0]", "from 0 to 4"),
-    ("detector_faults", {"dead": [[1]]}, "dead[0]: [1] is no place", "[row, column]"),
+    ("detector_faults", {"dead": [[1]]}, "dead[0]: [1] is not a place", "[row, column]"),
 ]
 
 

@@ -69,7 +69,7 @@ def test_a_known_roll_reaches_light_expected_image_and_readings_alike():
 )
 def test_a_nuisance_that_the_scene_does_not_have_is_refused(name):
     for call in (make_model().linearised, make_model().light):
-        with pytest.raises(ValueError, match=f"{name}: no nuisance of scene"):
+        with pytest.raises(ValueError, match=f"{name}: not a nuisance of scene"):
             call(ASIDE, 0.0, {name: np.zeros(())})
 
 

@@ -144,12 +144,12 @@ def test_full_scale_is_the_lowest_limit_or_else_the_reference_reading(effects, e
         ("table.x_m", -5.0, ["table.x_m: -5.0 is not a span", "[from, to, how many]"]),
         ("table.x_m", [-8.0, "-4 m", 5], ["table.x_m[1]: '-4 m' is not a number"]),
         ("table.x_m", [-1001, -4.0, 5], ["table.x_m[0]: -1001 is out", "from -1000 to 1000 m"]),
-        ("table.x_m", [-4.0, -8.0, 5], ["table.x_m: [-4, -8, 5] is no span", "from < to"]),
-        ("table.x_m", [-8.0, -4.0, 1], ["table.x_m: [-8, -4, 1] is no span", "at least 2"]),
+        ("table.x_m", [-4.0, -8.0, 5], ["table.x_m: [-4, -8, 5] is not a span", "from < to"]),
+        ("table.x_m", [-8.0, -4.0, 1], ["table.x_m: [-8, -4, 1] is not a span", "at least 2"]),
         (
             "effects.sea",
             {"water": "petzold_clear"},
-            ["effects.attenuation: sea has", "leave one out"],
+            ["effects.attenuation: effects.sea absorbs", "leave one out"],
         ),
     ],
 )

@@ -56,18 +56,18 @@ def test_a_path_leads_from_the_folder_of_the_file_that_names_it(write, monkeypat
     [
         ({"extends": "folow"}, ["sea.yaml: extends: scene folow: neither", "mean follow?"]),
         ({"extends": "b.yaml"}, ["sea.yaml: extends: scene ", "b.yaml: no such file"]),
-        ({"extends": "sea.yaml"}, ["extends: sea.yaml -> sea.yaml is a circle", "stand alone"]),
+        ({"extends": "sea.yaml"}, ["extends: sea.yaml -> sea.yaml is a circle", "remove extends"]),
         ({"extends": "round.yaml"}, ["sea.yaml -> round.yaml -> sea.yaml is a circle"]),
         ({"extends": "list.yaml"}, ["list.yaml: [1] is not a mapping of groups"]),
-        ({"extends": None}, ["sea.yaml: extends: None is no scene; give the name"]),
-        ({"extends": ["follow"]}, ["extends: ['follow'] is no scene"]),
+        ({"extends": None}, ["sea.yaml: extends: None is not a scene; give the name"]),
+        ({"extends": ["follow"]}, ["extends: ['follow'] is not a scene"]),
         (
             {"extends": "follow", "effects": {"plume": None}},
             ["sea.yaml: effects.plume: null removes", "does not have this one; leave it out"],
         ),
         (
             {"extends": "coastal", "effects": {"sea": {"absorption_per_m": 0.1}}},
-            ["sea.water: given beside absorption_per_m", "null removes"],
+            ["sea.water: given together with absorption_per_m", "null removes"],
         ),
         ({"extends": "follow", "array": {"shape": "planar"}}, ["radius_m: 0.32 m", "null"]),
         ({"extends": "follow", "lamp": [8.0]}, ["lamp: [8.0] is not a mapping"]),

@@ -31,7 +31,7 @@ PATHS = [(*owner, key) for owner in OWNERS for key in declared(OWNERS[owner])]
 PATHS += [*OWNERS, ("effects",), ("effects", "fog"), ("lamp", "power"), ("lmap",)]
 # What refuses a value by itself; what depends on other values is said in other words.
 ALONE = (
-    *("is not a", "is out of bounds", "is unknown", "is no list", "is no place", "unknown key"),
+    *("is not a", "is out of bounds", "is unknown", "unknown key"),
     *("empty;", "given twice"),
 )
 NUMBERS = st.integers(-(10**6), 10**6) | st.floats(allow_nan=False) | st.floats(-2, 2)

@@ -82,10 +82,10 @@ def test_a_table_of_detectors_is_read_as_it_was_written(tmp_path):
     [
         ("name,x_m\na,1", "no column y_m, z_m, normal_x, normal_y, normal_z; a table of"),
         (HEAD, "no detector below the columns; give one at least"),
-        (f"{HEAD}\na,0,0,0,0,0,0", "line 2: a normal of 0; give where the detector looks"),
-        (f"{HEAD}\na,0,0,0,1,0,0\na,0,0,0,1,0,0", "line 3: a a second time; give each"),
+        (f"{HEAD}\na,0,0,0,0,0,0", "line 2: the normal is 0; give the direction of view"),
+        (f"{HEAD}\na,0,0,0,1,0,0\na,0,0,0,1,0,0", "line 3: a is named twice; give each"),
         (f"{HEAD}\na,0,300,0,1,0,0", "more than 100 m off base_link; positions are in m"),
-        (f"{HEAD}\na,0,x,0,1,0,0", "line 2: y_m: 'x' is no number"),
+        (f"{HEAD}\na,0,x,0,1,0,0", "line 2: y_m: 'x' is not a number"),
         (f"{HEAD},gain\na,0,0,0,1,0,0,0", "line 2: gain 0; it must be more than 0"),
     ],
 )
@@ -98,5 +98,5 @@ def test_a_bad_table_of_detectors_is_refused(tmp_path, text, told):
 
 def test_light_of_a_grid_alone_is_refused():
     scene = changed(ready("reference"), effects={"forward_scatter": {"window_m": 0.1}})
-    with pytest.raises(ValueError, match=r"effects\.forward_scatter is of a grid of detectors"):
+    with pytest.raises(ValueError, match=r"effects\.forward_scatter needs a square grid"):
         layout_of(scene, of_scene(scene))

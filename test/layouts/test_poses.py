@@ -46,7 +46,7 @@ def test_what_one_detector_cannot_tell_is_named():
     image = np.zeros((2, 2))
     image[0, 0] = 500.0
     found = fit.one(image, np.array([np.nan, np.nan, 0, 0, 0]), EXACT, 0.0)
-    assert found.reason.startswith("not told by these detectors: y to ")
+    assert found.reason.startswith("not determined by these detectors: y to ")
     assert np.isnan(found.pose).all()
     dark = fit.one(np.zeros((2, 2)), np.array([np.nan, 0, 0, 0, 0]), EXACT, 0.0)
     assert dark.reason == "no light: the brightest detector reads 0"
@@ -59,7 +59,7 @@ def test_either_side_of_a_beam_is_ambiguous_to_one_detector():
     image = model.light(np.array([-5.0, 0.5, 0, 0, 0]))
     image[0, 1] = image[1, 0] = image[1, 1] = 0
     found = fit.one(image, np.array([-5.0, np.nan, 0, 0, 0]), EXACT, 0.0)
-    assert found.reason.startswith("ambiguous: as well at y ")
+    assert found.reason.startswith("ambiguous: the light fits as well at y ")
     assert abs(float(found.reason.split()[-2])) == pytest.approx(0.5, abs=0.01)
 
 

@@ -126,7 +126,7 @@ def test_what_is_missing_of_a_place_is_named(rail, words, told):
     [
         ("pd,x_m", "diode,x_m", "no column pd of a detector; its columns are diode, x_m, y_m"),
         ("# a rail\n", "", None),
-        ("-1,0,ok", "-1 m,0,ok", "line 3: x_m: '-1 m' is no number; give one"),
+        ("-1,0,ok", "-1 m,0,ok", "line 3: x_m: '-1 m' is not a number; give one"),
         ("-1,0,ok", "-4000,0,ok", "line 3: x_m: -4000; it must be from -1000 to 1000"),
         ("-1,0,ok", ",0,ok", "x_m: no value for 1 of 120 places"),
     ],

@@ -41,10 +41,10 @@ def test_a_course_may_roll(tmp_path):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("x_m\n1\n", "no column time_s; a course needs it"),
-        ("time_s,a\n1,2\n", "no column of x_m, y_m, z_m, pitch_deg, yaw_deg, roll_deg"),
-        ("time_s,x_m\n1,2\n2,\n", "x_m: 1 values; two times at least are needed"),
-        ("time_s,x_m\n-1,2\n", "time_s: -1; give s from 0 to 9e"),
+        ("x_m\n1\n", "no column time_s; give the time of each pose"),
+        ("time_s,a\n1,2\n", "has none of x_m, y_m, z_m, pitch_deg, yaw_deg, roll_deg"),
+        ("time_s,x_m\n1,2\n2,\n", "x_m: 1 values; give values at two times or more"),
+        ("time_s,x_m\n-1,2\n", "time_s: -1; give seconds from 0 to 9e"),
         ("time_s,x_m\n1,2,\n", None),
         ("time_s,x_std_m\n1,-2\n", "x_std_m: -2; it must be from 0 to 1000"),
         ("time_s,x_m\n", "no row below the columns"),
@@ -52,7 +52,7 @@ def test_a_course_may_roll(tmp_path):
 )
 def test_a_bad_course_is_refused(tmp_path, text, told):
     if told is None:
-        text, told = text.replace("2,", "inf"), "'inf' is no number"
+        text, told = text.replace("2,", "inf"), "'inf' is not a number"
     with pytest.raises(ValueError, match=told):
         course(tmp_path, text)
 

@@ -298,7 +298,7 @@ def test_a_topic_that_cannot_be_subscribed_to_leaves_the_method_as_it_was(
     monkeypatch.setattr(shower.node, "create_subscription", refused)
     answer = shower.lab.set(shower.node, "method", "sam")
     assert not answer.successful
-    assert answer.reason == "method: sam reads other topics: not allowed"
+    assert answer.reason == "method: sam needs other topics, which cannot be read: not allowed"
     shower.show(images[0], 1)
 
 

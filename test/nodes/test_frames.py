@@ -228,7 +228,7 @@ def test_below_the_follower_the_leader_hangs_where_it_is_seen(lab, scene_file, m
 )
 def test_a_pose_between_frames_of_different_axes_is_refused_by_name(lab, scene_file, given):
     lab.begin({"scene": scene_file, "method": "sam", **given})
-    with pytest.raises(ValueError, match="has not the axes of beacon_frame"):
+    with pytest.raises(ValueError, match="does not have the axes of beacon_frame"):
         estimator_node.EstimatorNode()
 
 

@@ -207,7 +207,7 @@ def test_the_leader_swims_the_path_of_a_file(lab, tmp_path):
 
 def test_a_path_that_is_none_is_refused_at_the_start(lab):
     lab.begin({"leader_path": "zigzags"})
-    with pytest.raises(ValueError, match=r"leader_path: 'zigzags' is no .*; did you mean zigzag\?"):
+    with pytest.raises(ValueError, match=r"'zigzags' is neither .*; did you mean zigzag\?"):
         lab.start(VehiclesNode)
 
 

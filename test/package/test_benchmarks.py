@@ -82,7 +82,7 @@ def test_the_exit_code_of_promises_is_that_of_the_chosen_ones(promises, capsys, 
 def test_an_unknown_group_of_promises_is_refused_with_those_that_there_are(promises, capsys):
     with pytest.raises(SystemExit, match="2"):
         promises.main(["--only", "best"])
-    assert "'best' is unknown; choose of good, bad, ugly" in capsys.readouterr().err
+    assert "'best' is unknown; choose from good, bad, ugly" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not BENCHMARKS.is_dir(), reason="the benchmarks are not installed")

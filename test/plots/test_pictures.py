@@ -135,7 +135,7 @@ def test_the_kind_of_a_file_follows_its_name_and_is_the_same_each_time(tmp_path,
 
 
 def test_another_kind_of_file_is_refused_and_leaves_nothing(tmp_path):
-    with pytest.raises(ValueError, match=r"a.jpg: no kind of picture; .*\.png, \.svg, \.pdf"):
+    with pytest.raises(ValueError, match=r"a.jpg: not a kind of picture; .*\.png, \.svg, \.pdf"):
         style.save(Figure(), tmp_path / "a.jpg")
     assert not list(tmp_path.iterdir())
 

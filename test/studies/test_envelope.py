@@ -206,7 +206,7 @@ def test_another_station_is_that_of_lone_followers():
 def test_kinds_are_chosen_by_name_and_by_group_and_others_are_refused():
     assert [kind.name for kind in kinds_named("turn_20, nothing")] == ["nothing", "turn_20"]
     assert {kind.group for kind in kinds_named("darkness")} == {"darkness"}
-    with pytest.raises(ValueError, match="'turn_21' is unknown; choose of"):
+    with pytest.raises(ValueError, match="'turn_21' is unknown; choose from"):
         kinds_named("turn_21")
 
 

@@ -94,7 +94,7 @@ def calibrate(
     names = layout.names
     for name in hold:
         if name not in (*names, "gains"):
-            raise ValueError(f"hold {name}: unknown; choose of {', '.join((*names, 'gains'))}")
+            raise ValueError(f"hold {name}: unknown; choose from {', '.join((*names, 'gains'))}")
     if fit_noise and "sensor_noise" not in scene.effects:
         raise ValueError(f"scene {scene.name}: no effects.sensor_noise to fit; add it")
     if pose_std is not None:

@@ -88,7 +88,7 @@ def read_light(args: argparse.Namespace, scene: Scene, poses_needed: bool = True
     """Read a table of readings, or a bag, with the poses of its odometries or of --trajectory."""
     if not is_table(args.bag) and args.detectors:
         raise options.OptionError(
-            f"--detectors: {args.bag} is no table of readings; a bag has images of the scene's "
+            f"--detectors: {args.bag} is not a table of readings; a bag has images of the scene's "
             "array, so give a .csv"
         )
     if not is_table(args.bag):

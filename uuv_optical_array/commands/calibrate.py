@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
     if table is not None and stds.any():
         raise options.OptionError(
             f"--set {next(name for name in STDS if settings[name])}: the table of --places has "
-            "these errors; leave one of both out"
+            "these errors; leave one of them out"
         )
     if table is not None and (args.known or args.unknown or args.trajectory):
         raise options.OptionError(

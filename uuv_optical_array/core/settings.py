@@ -96,7 +96,7 @@ def _numbers(
     value: Any,
     quantity: Quantity,
     name: str,
-    fault: str = "no list of numbers; give one",
+    fault: str = "not a list of numbers; give one",
     length: int | None = None,
     whole: bool = False,
 ) -> list[Any]:
@@ -110,26 +110,26 @@ def _span(value: Any, quantity: Quantity, name: str) -> Span:
     number = int(_number(count, Quantity("", "values", 1, MAX_VALUES), f"{name}[2]", True))
     if start > stop or (number == 1) != (start == stop):
         raise ValueError(
-            f"{name}: [{start:g}, {stop:g}, {number}] is no span; "
-            "give from < to with at least 2 values, or one value twice with 1"
+            f"{name}: [{start:g}, {stop:g}, {number}] is not a span; "
+            "give from < to with at least 2 values, or the same value twice with 1"
         )
     return Span(start, stop, number)
 
 
 def _cells(value: Any, quantity: Quantity, name: str) -> list[list[Any]]:
-    cells = _list(value, name, "no list of places; give [[row, column], ...]")
+    cells = _list(value, name, "not a list of places; give [[row, column], ...]")
     named = [(f"{name}[{i}]", cell) for i, cell in enumerate(cells)]
-    places = [(at, _list(cell, at, "no place; give [row, column]", 2)) for at, cell in named]
+    places = [(at, _list(cell, at, "not a place; give [row, column]", 2)) for at, cell in named]
     return [[_number(index, quantity, at, True) for index in place] for at, place in places]
 
 
 def _place(value: Any, quantity: Quantity, name: str) -> Place:
-    x, y, z = _numbers(value, quantity, name, "no place; give [x, y, z]", 3)
+    x, y, z = _numbers(value, quantity, name, "not a place; give [x, y, z]", 3)
     return x, y, z
 
 
 def _order(value: Any, quantity: Quantity, name: str) -> list[int]:
-    fault = "no list of whole numbers; give one"
+    fault = "not a list of whole numbers; give one"
     order: list[int] = _numbers(value, quantity, name, fault, whole=True)
     seen: set[int] = set()
     for i, place in enumerate(order):
@@ -143,7 +143,7 @@ def _order(value: Any, quantity: Quantity, name: str) -> list[int]:
 
 
 def _grid(value: Any, quantity: Quantity, name: str) -> list[list[float]]:
-    fault = "no square grid; give rows of as many numbers"
+    fault = "not a square grid; give as many rows as each row has numbers"
     rows = _list(value, name, fault)
     if not rows or any(not isinstance(row, list | tuple) or len(row) != len(rows) for row in rows):
         raise ValueError(f"{name}: {reprlib.repr(value)} is {fault}")
@@ -208,7 +208,7 @@ def _checked(kind: Any, quantity: Quantity, optional: bool, value: Any, name: st
         return value
     if kind is str:
         if not isinstance(value, str):
-            raise ValueError(f"{name}: {value!r} is not a text; give one")
+            raise ValueError(f"{name}: {value!r} is not a text; write it in quotes")
         return value
     if kind in LISTS:
         return LISTS[kind](value, quantity, name)
@@ -268,7 +268,9 @@ def one_way(
     extending = "; null removes what an extended scene gives"
     given = [[key for key in way if values.get(key) is not None] for way in (first, second)]
     if all(given):
-        raise ValueError(f"{where}.{given[1][0]}: given beside {given[0][0]}; {ways}{extending}")
+        raise ValueError(
+            f"{where}.{given[1][0]}: given together with {given[0][0]}; {ways}{extending}"
+        )
     taken = second if given[1] else first
     for key in taken:
         if values.get(key) is None:

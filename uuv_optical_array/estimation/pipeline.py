@@ -137,7 +137,7 @@ class Pipeline:
                 readings = None if used.bent else used.readings
                 newest = self.tracker.take(*frame, readings, near)
             if newest != stamp_ns:
-                raise NoPose("late frame: it entered the track, whose newer pose is out")
+                raise NoPose("late frame: the track used it, but a newer pose was published")
         return estimate
 
     def _trusted(self, stamp_ns: int, estimate: Estimate) -> Estimate:

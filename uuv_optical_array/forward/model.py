@@ -155,7 +155,7 @@ class ForwardModel(Readout):
         """
         for name in nuisances:
             if name not in self.nuisances:
-                raise ValueError(f"{name}: no nuisance of scene {self.scene.name}")
+                raise ValueError(f"{name}: not a nuisance of scene {self.scene.name}")
 
         def index_of(name: str) -> int:
             return nuisances.index(name) if name in nuisances else -1

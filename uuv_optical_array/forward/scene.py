@@ -217,7 +217,7 @@ class Scene:
 DAYLIGHT_STDS = "ambient_std_counts", "ambient_gradient_std_counts"  # which demodulation removes
 FLOOR_STDS = ("lamp_floor_std_counts",)  # of what is daylight without it
 
-NO_FLOOR = "without demodulation it is no other than daylight; give effects.ambient"
+NO_FLOOR = "without demodulation this light counts as daylight; give effects.ambient"
 
 
 def without_meaning(
@@ -274,11 +274,13 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
                 raise ValueError(f"{group}.{error}") from None
         scene = Scene(name=name, effects=effects, lamps=lamps, **groups)
         if "sea" in effects and "attenuation" in effects:
-            raise ValueError("effects.attenuation: sea has absorption in its place; leave one out")
+            raise ValueError("effects.attenuation: effects.sea absorbs already; leave one out")
         if "pedestal" in effects and "demodulation" in effects:
-            raise ValueError("effects.pedestal: demodulation has its own; leave it out")
+            raise ValueError("effects.pedestal: demodulation has a pedestal; leave this one out")
         if lamps and "demodulation" not in effects:
-            raise ValueError("lamps: nothing tells them apart; add effects.demodulation")
+            raise ValueError(
+                "lamps: only demodulation separates their light; add effects.demodulation"
+            )
         if scene.lamp.floor_counts and not lamps and "demodulation" not in effects:
             raise ValueError(f"lamp.floor_counts: {NO_FLOOR}")
         for key in ("floor_counts", "behind_m"):
@@ -288,7 +290,7 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
                     f"lamp.{key}: {value:g}, but each of the lamps has its own; give lamps[0].{own}"
                 )
         if lamps and "forward_scatter" in effects:
-            raise ValueError("effects.forward_scatter: of one lamp only; use sea")
+            raise ValueError("effects.forward_scatter: it takes one lamp only; use effects.sea")
     except ValueError as error:
         raise ValueError(f"scene {name}: {error}") from None
     return scene

@@ -83,7 +83,7 @@ def layers(file: Path) -> list[Layer]:
         shown = " -> ".join(path.name for path in chain)
         if any(base.samefile(layer.file) for layer in result):
             raise ValueError(
-                f"scene {file}: {EXTENDS}: {shown} is a circle; let one of them stand alone"
+                f"scene {file}: {EXTENDS}: {shown} is a circle; remove {EXTENDS} from one of them"
             )
         if len(chain) > MAX_FILES:
             raise ValueError(
@@ -101,7 +101,8 @@ def _layer(file: Path) -> Layer:
         extends = settings.get(EXTENDS, "")
         if EXTENDS in settings and not (isinstance(extends, str) and extends):
             raise ValueError(
-                f"{EXTENDS}: {extends!r} is no scene; give the name of a ready one or a .yaml file"
+                f"{EXTENDS}: {extends!r} is not a scene; give the name of a ready one, or a "
+                ".yaml file"
             )
     except ValueError as error:
         raise ValueError(f"scene {file}: {error}") from None

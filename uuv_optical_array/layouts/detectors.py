@@ -59,7 +59,7 @@ def read_detectors(path: Path) -> Detectors:
     for line, cells in table:
         name = cells["name"]
         if not name or name in names:
-            fault = f"{name} a second time" if name else "no name"
+            fault = f"{name} is named twice" if name else "no name"
             raise ValueError(f"{path}: line {line}: {fault}; give each detector a name of its own")
         row = [number_in(cells.get(key) or "1", f"{path}: line {line}: {key}") for key in COLUMNS]
         if max(map(abs, row[:3])) > FAR_M:
@@ -68,7 +68,7 @@ def read_detectors(path: Path) -> Detectors:
                 "are in m"
             )
         if not any(row[3:6]):
-            raise ValueError(f"{path}: line {line}: a normal of 0; give where the detector looks")
+            raise ValueError(f"{path}: line {line}: the normal is 0; give the direction of view")
         if row[6] <= 0:
             raise ValueError(f"{path}: line {line}: gain {row[6]:g}; it must be more than 0")
         names.append(name)
@@ -87,7 +87,7 @@ def number_in(cell: str, where: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ValueError(f"{where}: {cell!r} is no number; give one, with a decimal point")
+        raise ValueError(f"{where}: {cell!r} is not a number; give one, with a decimal point")
     return value
 
 
@@ -159,7 +159,7 @@ def layout_of(scene: Scene, detectors: Detectors) -> Layout:
     """
     if "forward_scatter" in scene.effects:
         raise ValueError(
-            f"scene {scene.name}: effects.forward_scatter is of a grid of detectors; use sea"
+            f"scene {scene.name}: effects.forward_scatter needs a square grid; use effects.sea"
         )
     count = len(detectors.names)
     side = max(2, math.ceil(math.sqrt(count)))

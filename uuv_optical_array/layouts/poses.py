@@ -104,7 +104,7 @@ class PoseFit:
             for i in np.flatnonzero(unknown & (spread > UNKNOWN_SHARE * span))
         ]
         if told:
-            return nothing._replace(reason=f"not told by these detectors: {', '.join(told)}")
+            return nothing._replace(reason=f"not determined by these detectors: {', '.join(told)}")
         off = mean[:5] + at[:, :5] * wide - found
         far = np.einsum("ki,ij,kj->k", off, np.linalg.inv(own), off)
         if (also := (far > APART) & (costs < costs[best] + AS_GOOD)).any():
@@ -113,7 +113,7 @@ class PoseFit:
                 f"{DOF_NAMES[i]} {other[i] * IN_DEGREES[i]:.3g} {DOF_UNITS[i]}"
                 for i in np.flatnonzero(unknown)
             )
-            return nothing._replace(reason=f"ambiguous: as well at {where}")
+            return nothing._replace(reason=f"ambiguous: the light fits as well at {where}")
         freedoms, square = squares[best]
         freedoms -= int(unknown.sum())
         misfit = float(chdtrc(freedoms, square)) if freedoms > 0 else np.nan

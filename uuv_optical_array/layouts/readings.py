@@ -61,7 +61,7 @@ def read_table(path: Path, names: Sequence[str] = (), lamps: int = 1) -> Table:
         readings.append([number_in(cells[name], f"{at}: {name}") for name in wanted])
         told.append([_place(cells[name], f"{at}: {name}", name) for name in there])
         if timed and not 0 <= seconds[-1] <= LARGEST_S:
-            raise ValueError(f"{at}: {TIME}: {seconds[-1]:g}; give s from 0 to {LARGEST_S:g}")
+            raise ValueError(f"{at}: {TIME}: {seconds[-1]:g}; give seconds from 0 to {LARGEST_S:g}")
         if timed and seconds[-1] < max(seconds):
             raise ValueError(
                 f"{at}: {TIME}: {seconds[-1]:g} comes after {max(seconds):g}; sort the rows by it"
@@ -146,10 +146,10 @@ class Course:
 
     def __init__(self, table: Table, max_gap_s: float) -> None:
         if not table.timed:
-            raise ValueError(f"{table.path}: no column {TIME}; a course needs it")
+            raise ValueError(f"{table.path}: no column {TIME}; give the time of each pose")
         parts = [name for name in PARTS if name in table.told]
         if not parts:
-            raise ValueError(f"{table.path}: no column of {', '.join(PARTS)}; give one at least")
+            raise ValueError(f"{table.path}: has none of {', '.join(PARTS)}; give one at least")
         self._max_gap_s = max_gap_s
         # Columns of a pose that it tells.
         self.parts = [i for i, name in enumerate(POSE) if name in parts]
@@ -159,7 +159,7 @@ class Course:
             times, values = table.seconds[known], table.told[name][known]
             if len(times) < 2 or times[0] == times[-1]:
                 raise ValueError(
-                    f"{table.path}: {name}: {len(times)} values; two times at least are needed"
+                    f"{table.path}: {name}: {len(times)} values; give values at two times or more"
                 )
             if not name.endswith("_m"):
                 values = np.unwrap(values, period=360.0)

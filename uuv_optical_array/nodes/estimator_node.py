@@ -174,8 +174,8 @@ class EstimatorNode(Node):
         for name, frame in bodies.items():
             if (signs(frame) != signs(self.beacon_frame)).any():
                 raise ValueError(
-                    f"{name}: {frame} has not the axes of beacon_frame {self.beacon_frame}; let "
-                    "both names end in _ned or _frd, or neither"
+                    f"{name}: {frame} does not have the axes of beacon_frame "
+                    f"{self.beacon_frame}; let both names end in _ned or _frd, or neither"
                 )
         if method == FIT and not self.parameters["use_image"]:
             raise ValueError(
@@ -191,7 +191,9 @@ class EstimatorNode(Node):
             try:
                 self.inputs.listen(alone=method == FIT)
             except RuntimeError as error:  # as where ROS is secured
-                raise ValueError(f"method: {method} reads other topics: {error}") from None
+                raise ValueError(
+                    f"method: {method} needs other topics, which cannot be read: {error}"
+                ) from None
         self.fits = method == FIT
 
     def place_beacon(self) -> None:

@@ -212,7 +212,7 @@ class VehiclesNode(Node):
         self.moved = now
         if 0 <= step_s <= self.pause_s:
             return step_s
-        self.diagnostics.refuse(f"paused: a step of {step_s:.3g} s, and the vehicles stayed")
+        self.diagnostics.refuse(f"paused: a step of {step_s:.3g} s; the vehicles were not moved")
         return 0.0
 
     def publish_odometry(self, name: str, vehicle: Vehicle, now: Time) -> None:

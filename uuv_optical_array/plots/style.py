@@ -135,7 +135,9 @@ def save(figure: "Figure", path: Path) -> None:
     """Write a figure, whole or not at all; ValueError where the name ends in none of `KINDS`."""
     kind = path.suffix.lower()
     if kind not in KINDS:
-        raise ValueError(f"{path}: no kind of picture; let its name end in {', '.join(KINDS)}")
+        raise ValueError(
+            f"{path}: not a kind of picture; use a name that ends in {', '.join(KINDS)}"
+        )
     smaller: dict[str, Any] = {"pil_kwargs": {"optimize": True}} if kind == ".png" else {}
     with files.whole_file(path) as scratch:
         figure.savefig(scratch, format=kind[1:], dpi=DPI, metadata=KINDS[kind], **smaller)

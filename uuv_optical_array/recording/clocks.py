@@ -16,7 +16,7 @@ def shifted(recording: Recording, offset_s: float) -> Recording:
     Images whose pose is not known at that time are left out, and counted. ValueError where none is.
     """
     if recording.poses_at is None:
-        raise ValueError("time_offset_s: poses of places have no clock; leave it out")
+        raise ValueError("time_offset_s: poses from a table of places have no clock; leave it out")
     poses, rolls = recording.poses_at(_later(recording, offset_s))
     lost = (np.isnan(poses) & ~np.isnan(recording.poses)).any(axis=1) | np.isnan(rolls)
     if lost.all():

@@ -28,10 +28,10 @@ POSES = np.array(
     [[-5.0, 0.3, -0.2, 0.1, -0.05], [-7.5, -0.9, 0.5, -0.2, 0.2], [-4.0, 0.0, 0.0, 0.0, 0.0]]
 )
 BAD = [
-    ({"beam_widths": [0.5, 1.0]}, r"beam_weights: 0, but 2 beam_widths; give one to each"),
-    ({"beam_widths": [1.0], "beam_weights": [1.0]}, r"beam_widths: 1 of them; give two or 3"),
-    ({"beam_widths": [1.0] * 4, "beam_weights": [0.25] * 4}, r"beam_widths: 4 of them"),
-    ({"beam_widths": [0.5, 1.0], "beam_weights": [0.5, 0.6]}, r"1\.1 in all; scale them to 1"),
+    ({"beam_widths": [0.5, 1.0]}, r"beam_weights: 0 weights, but 2 beam_widths; give each"),
+    ({"beam_widths": [1.0], "beam_weights": [1.0]}, r"beam_widths: 1 widths; give two or 3"),
+    ({"beam_widths": [1.0] * 4, "beam_weights": [0.25] * 4}, r"beam_widths: 4 widths"),
+    ({"beam_widths": [0.5, 1.0], "beam_weights": [0.5, 0.6]}, r"their sum is 1\.1; scale it to 1"),
     ({"beam_widths": [0.5, 20.0], "beam_weights": [0.5, 0.5]}, r"160 deg; it must be from 0\.1"),
     ({"beam_widths": [1.0, 2.0], "beam_weights": [1.1, -0.1]}, r"light negative 20\.\d deg off"),
     ({"beam_widths": [0.5, 1.0], "beam_weights": [0.5, "a"]}, r"beam_weights\[1\]: 'a' is not"),

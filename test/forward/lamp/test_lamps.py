@@ -97,8 +97,8 @@ def test_the_bound_is_that_of_pose_and_roll_together():
 @pytest.mark.parametrize(
     ("lamps", "effects", "message"),
     [
-        ([{"y_m": 0.1}], {}, "no list of 2 to 8 lamps; one lamp is the group lamp alone"),
-        ([{"y_m": i} for i in range(9)], {}, "no list of 2 to 8 lamps"),
+        ([{"y_m": 0.1}], {}, "not a list of 2 to 8 lamps; for one lamp leave it out"),
+        ([{"y_m": i} for i in range(9)], {}, "not a list of 2 to 8 lamps"),
         (
             [{"y_m": 0.1}, {"y_m": 0.105}],
             {},
@@ -106,8 +106,8 @@ def test_the_bound_is_that_of_pose_and_roll_together():
         ),
         ([{"y_m": 0.1}, {"y_m": 20}], {}, r"lamps\[1\].y_m: 20 is out of bounds"),
         ([{"y_m": 0.1}, {"yaw": 3}], {}, r"lamps\[1\].yaw"),
-        ([{"y_m": 0.1}, {}], {"demodulation": None}, "nothing tells them apart"),
-        ([{"y_m": 0.1}, {}], {"forward_scatter": {"window_m": 0.2}}, "of one lamp only"),
+        ([{"y_m": 0.1}, {}], {"demodulation": None}, "only demodulation separates their light"),
+        ([{"y_m": 0.1}, {}], {"forward_scatter": {"window_m": 0.2}}, "it takes one lamp only"),
     ],
 )
 def test_lamps_that_cannot_work_are_refused_with_the_reason(lamps, effects, message):

@@ -129,14 +129,14 @@ def box(angles):
 
 ROW = beam_of(FLAT)
 BAD = [
-    ("lamp.txt", "", r"no \.ies \(LM-63\) and no \.ldt"),
+    ("lamp.txt", "", r"neither an \.ies \(LM-63\) nor an \.ldt"),
     ("lamp.ies", "IESNA91\n1 2 3\n", "no line TILT="),
     ("lamp.ies", ies([0], [ROW])[:400], "ends before its table"),
     ("lamp.ies", ies([0], [ROW], kind=2), "photometric type B; convert it to type C"),
     ("lamp.ies", ies([0], [ROW]).replace("1 -1", "one -1"), "no number where one should be"),
     ("lamp.ies", ies([0], [ROW], angles=ANGLES + 90), "none on the axis at 0"),
     ("lamp.ies", ies([90, 0], [ROW, ROW]), "planes that do not rise"),
-    ("lamp.ies", ies([0], [0.7 + 0.3 * ROW]), "nowhere halved"),
+    ("lamp.ies", ies([0], [0.7 + 0.3 * ROW]), "nowhere falls to half"),
     ("lamp.ies", ies([0], [box(ANGLES)]), r"differs by \d+ of 1000 .* 10 are allowed"),
     ("lamp.ldt", ldt(7, 16, [ROW]), "symmetry 7"),
     ("lamp.ldt", ldt(0, 16, [ROW]), "ends before its table"),
@@ -178,7 +178,7 @@ def test_a_scene_takes_the_beam_of_its_file_and_says_so(tmp_path):
     wider.write_text("extends: scene.yaml\nlamp: {beam_sigma_deg: 9.0}\n", encoding="utf-8")
     assert load_scene(wider).lamp == dataclasses.replace(base, beam_sigma_deg=9.0)
     scene.write_text(given.replace("null", "8.0"), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"photometry: given beside beam_sigma_deg"):
+    with pytest.raises(ValueError, match=r"photometry: given together with beam_sigma_deg"):
         load_scene(scene)
     scene.write_text(given.replace("lamp.ies", "gone.ies"), encoding="utf-8")
     with pytest.raises(ValueError, match=r"gone\.ies"):

@@ -245,14 +245,18 @@ BAD_STARTS = [
     ("simulator_node", "seed:=1.5", ("1.5 is not a whole number", "from -1 to")),
     ("simulator_node", "odometry_axes:=ned", ("ned", "flu or frd")),
     ("simulator_node", "beacon_position_m:=[0.0,0.0]", ("2 values", "3")),
-    ("simulator_node", "beacon_position_m:=7.0", ("7.0 is no list of numbers",)),
+    ("simulator_node", "beacon_position_m:=7.0", ("7.0 is not a list of numbers",)),
     ("simulator_node", "beacon_position_m:=[true,true,true]", ("[0]: True is not a number",)),
-    ("simulator_node", "lamp_power:=[]", ("no list of numbers",)),
+    ("simulator_node", "lamp_power:=[]", ("not a list of numbers",)),
     ("simulator_node", "beacon_position_m:=[0.0,0.0,-101.0]", ("[2]", "-101.0", "to 100 m")),
     ("formation_node", "station_m:=[-0.4,0.0,0.0]", ("-0.4", "from -50 to -0.5 m")),
     ("formation_node", "min_distance_m:=8.0", ("8", "4.5 m from the lamp", "move station_m")),
     ("vehicles_node", "command_timeout_s:=.inf", ("inf", "from 0.05 to 60 s")),
-    ("vehicles_node", "leader_path:=zigzags", ("'zigzags' is no ready path", "mean zigzag?")),
+    (
+        "vehicles_node",
+        "leader_path:=zigzags",
+        ("'zigzags' is neither", "mean zigzag?"),
+    ),
 ]
 
 

@@ -115,9 +115,9 @@ class ToldMotion:
             if beside:
                 self._agreed = 0
             raise ValueError(
-                f"false motion: told, the leader changes the {DOF_NAMES[worst]} of the pose by "
-                f"{rate[worst]:.2g} {UNITS[worst]}, and the light showed "
-                f"{shown.rate[worst]:.2g}, {off[worst]:.2g} standard deviations off"
+                f"false motion: the leader changes {DOF_NAMES[worst]} by {rate[worst]:.2g} "
+                f"{UNITS[worst]} by its message, and by {shown.rate[worst]:.2g} by the light, "
+                f"{off[worst]:.2g} standard deviations apart"
             )
         self._agreed += beside
 
@@ -177,10 +177,10 @@ def checked_spread(covariance: ArrayLike) -> Array:
     spread = np.array(covariance, dtype=float)
     variances = spread.diagonal() if spread.shape == (5, 5) else np.zeros(1)
     if not (np.isfinite(spread).all() and (variances > 0).all()):
-        raise ValueError(f"covariance: variances {variances.tolist()}; give five beyond 0")
+        raise ValueError(f"covariance: variances {variances.tolist()}; give five greater than 0")
     if (variances > MAX_VARIANCE).any():
         raise ValueError(
-            f"covariance: variances {variances.tolist()}; give none beyond {MAX_VARIANCE:g}"
+            f"covariance: variances {variances.tolist()}; give at most {MAX_VARIANCE:g}"
         )
     correlations = spread / np.sqrt(np.outer(variances, variances))
     if np.abs(spread - spread.T).max() > 1e-6 * variances.max() or not (
@@ -196,8 +196,8 @@ def _checked(now_s: float, message: Message) -> Told:
     age_s = now_s - stamp_s
     if not age_s <= OLDEST_S:
         raise ValueError(
-            f"late motion: the leader's of {age_s:.3g} s ago, and what is older than "
-            f"{OLDEST_S:g} s says little; tell it sooner, by one clock"
+            f"late motion: the leader's motion is {age_s:.3g} s old, more than {OLDEST_S:g} s; "
+            "send it sooner, stamped by the same clock"
         )
     if age_s < -AHEAD_S:
         raise ValueError(

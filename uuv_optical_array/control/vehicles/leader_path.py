@@ -114,7 +114,9 @@ def leader_path(name_or_file: str | Path) -> LeaderPath:
     file = user_path(name_or_file)
     if not file.is_file():
         cure = hint(name_or_file, PATHS, f"choose {', '.join(PATHS)}, or give a CSV file")
-        raise ValueError(f"leader_path: {str(name_or_file)!r} is no ready path and no file; {cure}")
+        raise ValueError(
+            f"leader_path: {str(name_or_file)!r} is neither a ready path nor a file; {cure}"
+        )
     return _held(_rows(file))
 
 

@@ -33,7 +33,7 @@ def is_compiled(mark: str) -> bool:
     sound = compilation.unharmed(folder)
     if not sound:
         logging.getLogger(__name__).warning(
-            "%s: not as it was written; deleted, and compiled anew", folder
+            "%s: it changed since it was written; it is deleted and compiled again", folder
         )
     return sound
 
@@ -47,8 +47,7 @@ def marked(mark: str) -> Iterator[None]:
     folder = compilation.cache_folder()
     if folder is None:
         raise OSError(
-            "no folder to keep compiled code in that this user alone can write; set "
-            "NUMBA_CACHE_DIR to one"
+            "no folder for compiled code that only this user can write; set NUMBA_CACHE_DIR to one"
         )
     collecting = gc.isenabled()
     gc.disable()  # the compiler makes many objects that last: a tenth of its time

@@ -419,7 +419,7 @@ class ImageFit:
                 f"{ndtr(-result.score):.1e}, less than max_misfit {self._max_misfit:g}"
             )
         if result.outcome != FITTED:
-            raise NoPose("no fit: the image leaves the pose without a covariance")
+            raise NoPose("no fit: the image does not determine a covariance of the pose")
         if abs(pitch := result.best[PITCH]) > STEEP:
             raise NoPose(
                 f"no fit: the follower would pitch by {math.degrees(pitch):.1f} deg, "

@@ -96,7 +96,9 @@ def resolved_ambient(settings: dict[str, Any], name: str) -> dict[str, Any]:
         k_per_m = resolved_attenuation(water, name)["k_per_m"]
         level = settings["surface_counts"] * np.exp(-k_per_m * settings["depth_m"])
         if level > 1e6:
-            raise ValueError(f"{name}: {level:.3g} counts at that depth; give at most 1e6")
+            raise ValueError(
+                f"{name}: daylight of {level:.3g} counts at that depth; give at most 1e6"
+            )
         return {"level_counts": float(level)}
     if given := [key for key, value in water.items() if value is not None]:
         raise ValueError(f"{name}.{given[0]}: belongs to surface_counts and depth_m; leave it out")

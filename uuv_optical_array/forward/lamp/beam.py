@@ -78,23 +78,24 @@ class LampSettings:
         if widths is None or weights is None or len(widths) != len(weights):
             given = len(widths or ()), len(weights or ())
             raise ValueError(
-                f"beam_weights: {given[1]}, but {given[0]} beam_widths; give one to each Gaussian"
+                f"beam_weights: {given[1]} weights, but {given[0]} beam_widths; give each Gaussian "
+                "one of each"
             )
         if not 2 <= count <= MOST_GAUSSIANS:
             raise ValueError(
-                f"beam_widths: {count} of them; give two or {MOST_GAUSSIANS}, or neither widths "
+                f"beam_widths: {count} widths; give two or {MOST_GAUSSIANS}, or neither widths "
                 "nor weights for one Gaussian"
             )
         for i, width in enumerate(widths):
             sigma_deg = width * self.beam_sigma_deg
             if not NARROWEST_DEG <= sigma_deg <= WIDEST_DEG:
                 raise ValueError(
-                    f"beam_widths[{i}]: {width:g} of {self.beam_sigma_deg:g} deg is "
+                    f"beam_widths[{i}]: {width:g} times {self.beam_sigma_deg:g} deg is "
                     f"{sigma_deg:g} deg; it must be from {NARROWEST_DEG:g} to {WIDEST_DEG:g} deg"
                 )
         if abs(sum(weights) - 1) > WEIGHTS_OFF:
             raise ValueError(
-                f"beam_weights: {sum(weights):g} in all; scale them to 1, as they are "
+                f"beam_weights: their sum is {sum(weights):g}; scale it to 1, as they are "
                 "shares of the light on the axis"
             )
         if (dark := dark_angle(gaussians_of(self))) is not None:

@@ -90,8 +90,8 @@ def checked_lamps(values: Any) -> tuple[BeaconLamp, ...]:
         return ()
     if not isinstance(values, list | tuple) or not 2 <= len(values) <= MOST_LAMPS:
         raise ValueError(
-            f"lamps: {values!r:.80} is no list of 2 to {MOST_LAMPS} lamps; one lamp is the group "
-            "lamp alone"
+            f"lamps: {values!r:.80} is not a list of 2 to {MOST_LAMPS} lamps; for one lamp "
+            "leave it out"
         )
     lamps = tuple(
         BeaconLamp(**check_all(BeaconLamp, value, f"lamps[{i}]")) for i, value in enumerate(values)

@@ -37,7 +37,7 @@ class Photometry(NamedTuple):
         mean = self.mean
         first = int((mean <= 0.5).argmax())
         if first == 0:
-            raise ValueError("the light on the axis is nowhere halved; give the file of a beam")
+            raise ValueError("the light nowhere falls to half of that on the axis; give a beam")
         pair = slice(first - 1, first + 1)
         return float(np.interp(-0.5, -mean[pair], self.angles_deg[pair]))
 
@@ -47,11 +47,11 @@ def read(path: Path) -> Photometry:
     text = path.read_text(encoding="latin-1")
     suffix = path.suffix.lower()
     if suffix not in (".ies", ".ldt"):
-        raise ValueError("is no .ies (LM-63) and no .ldt (EULUMDAT) file")
+        raise ValueError("is neither an .ies (LM-63) nor an .ldt (EULUMDAT) file")
     try:
         found = _read_ies(text) if suffix == ".ies" else _read_ldt(text)
     except (IndexError, OverflowError):
-        raise ValueError("ends before its table of intensities; get it anew") from None
+        raise ValueError("ends before its table of intensities; download it again") from None
     angles, intensities, _ = found
     if np.any(np.diff(angles) <= 0) or not np.isfinite(intensities).all():
         raise ValueError("has angles that do not rise, or intensities that are no numbers")
@@ -74,7 +74,7 @@ def _numbers(text: str) -> list[float]:
 def _read_ies(text: str) -> Photometry:
     found = re.search(r"^\s*TILT\s*=\s*(.*)$", text, re.MULTILINE | re.IGNORECASE)
     if not found:
-        raise ValueError("has no line TILT=, as LM-63 wants")
+        raise ValueError("has no line TILT=, which LM-63 requires")
     numbers = _numbers(text[found.end() :])
     if found.group(1).strip().upper() == "INCLUDE":
         numbers = numbers[2 + 2 * int(numbers[1]) :]  # how the flux changes with a tilt

@@ -69,7 +69,7 @@ def with_photometry(lamp: Any) -> Any:
     for key in BEAM:
         if lamp.get(key) is not None:
             raise ValueError(
-                f"lamp.photometry: given beside {key}, which it stands for; give one of them"
+                f"lamp.photometry: given together with {key}, which it replaces; give one of them"
             )
     if not isinstance(file, str):
         raise ValueError(f"lamp.photometry: {file!r} is not a text; give a file, .ies or .ldt")

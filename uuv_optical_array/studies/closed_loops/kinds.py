@@ -265,5 +265,7 @@ def kinds_named(names: str | None) -> Sequence[Kind]:
     known = {kind.name for kind in KINDS} | {kind.group for kind in KINDS}
     for name in chosen:
         if name not in known:
-            raise ValueError(f"--kinds: {name!r} is unknown; choose of {', '.join(sorted(known))}")
+            raise ValueError(
+                f"--kinds: {name!r} is unknown; choose from {', '.join(sorted(known))}"
+            )
     return [kind for kind in KINDS if kind.name in chosen or kind.group in chosen]

@@ -134,8 +134,8 @@ def designed(scene: Scene, design: Design) -> Scene:
     lamps = scene.lamps if ring.items() <= vars(own).items() else ring_of_lamps(**ring)
     if lamps and not scene.lamps:
         raise ValueError(
-            f"lamps: {design.lamps}: scene {scene.name} has one and no prior of several; take one "
-            "that extends leading_lights"
+            f"lamps: {design.lamps}: scene {scene.name} has one lamp, and no prior for several; "
+            "take a scene that extends leading_lights"
         )
     changed = dataclasses.replace(scene, array=array, lamp=lamp).with_lamps(lamps)
     if design == own:

@@ -275,7 +275,7 @@ def kinds_named(names: str | None, scene: Scene) -> tuple[Kind, ...]:
     known, chosen = {kind.name: kind for kind in KINDS}, [name.strip() for name in names.split(",")]
     for name in chosen:
         if name not in known:
-            raise ValueError(f"--kinds: {name!r} is unknown; choose of {', '.join(known)}")
+            raise ValueError(f"--kinds: {name!r} is unknown; choose from {', '.join(known)}")
         if missing := known[name].missing(scene):
             lacks = f"needs {missing}, which scene {scene.name} has not"
             raise ValueError(f"--kinds: {name} {lacks}; leave it out")

@@ -26,7 +26,7 @@ CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has n
 
 
 class Light(NamedTuple):
-    """By what images are made at an instant, whatever the estimator believes.
+    """What images are made from at an instant, independent of the estimator.
 
     - model: of the true scene.
     - offsets: of its nuisances, as `ForwardModel.light` has them.
@@ -61,7 +61,7 @@ class Swimmer:
         Range from the lamp and its standard deviation, m, that its estimator is given of the true
         one, m, and the time, s; ``None``: there is none then.
     modem
-        What the vehicle whose lamp it follows tells of its motion, as it comes at the time, s;
+        Message of its motion that the vehicle it follows sends, as it arrives at the time, s;
         ``None``: nothing.
     """
 
@@ -80,7 +80,7 @@ class Swimmer:
         self.light, self.ahead, self.imu = light, ahead, imu
         self.sounder, self.modem = sounder, modem
         self.command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
-        self.roll = 0.0  # told last
+        self.roll = 0.0  # of the last IMU message
 
 
 class Instant(NamedTuple):

@@ -1,10 +1,10 @@
-"""What a follower does without light: by which motion of its own, to where, and how far.
+"""What a follower does without light: by which of its motions it goes, to where, and how far.
 
-All of it is in a frame that stays in the water: that of the lamp, as its track began. Where no
-instrument of the follower tells where up is, its z is taken for up, as of a leader that was level
-then. One limit of depth, from where the light steered last, counts in all states, as surface and
-bottom are no farther off while a follower coasts than while it searches. It is left to `steering`,
-so that no goal, attitude or lamp to keep off leads beyond it.
+All places are in a frame that stays in the water: that of the lamp when its track began. If no
+instrument of the follower measures the vertical, its z counts as up, as if the leader was level
+then. One limit of depth, from where light steered last, holds in all states, because surface and
+bottom are as near while a follower coasts as while it searches. `steering` keeps it, so that no
+goal, attitude or lamp to keep off leads beyond it.
 """
 
 import math
@@ -26,11 +26,11 @@ from uuv_optical_array.core.settings import Quantity
 
 LostAction = Literal["hold", "surface", "disengage"]
 
-# A place is chosen anew so long after the last choice, where it is not reached, and where it is.
+# Times after which another place is chosen, not reached and reached, and what counts as reached.
 MOST_S, ARRIVED_S, ARRIVED_M = 25.0, 2.0, 1.0
-GLIMPSE_S = 8.0  # for which a glimpse leads that no other follows
+GLIMPSE_S = 8.0  # time for which a glimpse guides the search if no other follows
 PASSING_M = 0.5  # beyond the minimum distance, at which a lamp that may have stopped is passed
-# By how much it turns to light at the array's edge, rad; so long after the last pose of it, s.
+# Turn to light at the array's edge, in yaw and pitch, rad; time since its last pose, s.
 TURN_RAD, PITCH_RAD, TURNING_S = 0.8, 0.2, 1.0
 SURE_M = 1.0  # standard deviation of where the leader is, m, beyond which a pose has to settle
 OTHER_M = 1.0  # from where the leader is expected, where a lamp may be another one
@@ -87,7 +87,7 @@ class Seen(NamedTuple):
 
     - motion: by all poses that steered; last: the same, as of the last of them.
     - covariance: of the last of them, ``(5, 5)``.
-    - margin_m: by what the range of the last may err, m.
+    - margin_m: possible error of the range of the last, m.
     - lit: that range, m, and the peak of its image, as of `Glow`; ``None``: it is not known.
     """
 
@@ -101,7 +101,7 @@ class Seen(NamedTuple):
 class Darkness:
     """The time without a pose to steer by, in a frame that stays in the water.
 
-    It is the lamp's, as its track began.
+    The frame is that of the lamp when its track began.
 
     - motion: of leader and follower; a leader that was never seen is taken to be at its place.
     - age_s: time without a pose to steer by, s; search_from_s: of it, from when on a search counts.
@@ -126,7 +126,7 @@ class Darkness:
         self.motion = LeaderMotion(now_s, self._station, np.eye(5))
         self._last = copy(self.motion)  # as something of the leader's light was seen last
         self._margin_m = 0.0
-        self._stray_m = 0.0  # by which poses were off the expected leader at most
+        self._stray_m = 0.0  # largest distance of poses from the expected leader
         self._stopped = seen is not None  # whether the leader may be where it was seen
         if seen is not None:
             self.motion, self._last, self._margin_m = seen.motion, seen.last, seen.margin_m
@@ -166,20 +166,20 @@ class Darkness:
         self._belief.advance(step_s, self.own)
 
     def resume(self, covariance: Array) -> None:
-        """Take the leader for seen, as well as a covariance tells, ``(10, 10)``."""
+        """Count the leader as seen now, with this covariance, ``(10, 10)``."""
         self.motion.covariance = covariance.copy()
         self.motion.unseen_s = 0.0
         self._note_seen()
 
     def look(self, glow: Glow | None, coasting: bool) -> None:
-        """Take where an image is brightest; one that coasts takes that for its leader."""
+        """Use where an image is brightest; a coasting follower takes it for its leader's light."""
         self._glow = glow
         if coasting and glow is not None:
             self.motion.face(glow)
             self._note_seen()
 
     def hear(self, told: Told | None) -> None:
-        """Take what the leader tells of its motion: it is seen, while that tells where it is."""
+        """Use the leader's own motion; it counts as seen while that determines where it is."""
         if told is None or told.stamp_s <= self._heard_s:
             return
         self._heard_s = told.stamp_s
@@ -202,7 +202,7 @@ class Darkness:
         return sure
 
     def see_both(self, other: OtherLamp, pose: Array, covariance: Array) -> None:
-        """Let a pose of the light of leader and another lamp tell where the leader is."""
+        """Correct where the leader is by a pose of the light of its lamp and another one."""
         other.see_both(pose, covariance, self.motion, self._search)
         self._note_seen()
 
@@ -211,7 +211,7 @@ class Darkness:
             self._last = copy(self.motion)
 
     def within_reach(self, pose: Array, covariance: Array) -> bool:
-        """Say whether the leader may have got to where a pose has it, but for a chance."""
+        """Say whether the leader can plausibly have reached where a pose has it."""
         off, spread = self.motion.off(pose, covariance)
         return within_reach(off, spread + self.motion.covariance[:5, :5], self.age_s)
 
@@ -267,7 +267,7 @@ class Darkness:
     def search(self, now_s: float) -> Aim:
         """Return the same, towards the place from which the leader is seen most likely.
 
-        Towards light without a pose it turns.
+        It turns towards light that gives no pose.
         """
         glow = self._glow
         if glow is not None and abs(now_s - self._glimpsed_s) > TURNING_S:
@@ -371,7 +371,7 @@ class Darkness:
             return []
         lit_m = -math.inf
         if self._glow is not None and self._lit is not None:
-            # Where it is seen it is no nearer than so bright a lamp may be.
+            # A lamp that is seen is not nearer than its brightness allows.
             lit_m = self._glow.nearest_m(*self._lit)
         return [self._lamp(self._last.place, np.zeros(3), lit_m)]
 

@@ -1,4 +1,4 @@
-"""The state of a follower as it is told to people and programs, and how long each lasted."""
+"""The state of a follower as people and programs get it, and how long each lasted."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from uuv_optical_array.control.following import STATES, State, StateName
 from uuv_optical_array.core.messages import Refused
 
-# How each looks wherever it is shown: a colour that tells it on a dark and on a light ground.
+# Colour of each wherever it is shown, legible on a dark and on a light background.
 COLOURS: Mapping[StateName, str] = MappingProxyType(
     {
         "waiting": "#8a94a6",
@@ -23,7 +23,7 @@ SINCE, LASTED, WHY = "since (s)", "for (s)", "reason"
 
 
 def values_of(state: State, now_s: float) -> dict[str, str]:
-    """Return what a ``diagnostic_msgs/DiagnosticStatus`` tells beside the state's name.
+    """Return what a ``diagnostic_msgs/DiagnosticStatus`` has beside the state's name.
 
     That is since when, s on the clock of the stamps, for how long at the present, s, and why.
     """

@@ -2,11 +2,11 @@
 
 - ``waiting``: no pose has steered yet.
 - ``locked``: the leader's light steers, by the law of `formation`.
-- ``coasting``: there is no pose to steer by. The follower goes on as the leader was moving, led by
-  what is seen of its light and by what it tells (`leader.motion`), and without for as long as its
-  turns are not likely to lead out of sight of the way that it had.
-- ``searching``: it goes to where most of the leaders that may be by now would be seen from
-  (`leader.belief`), with the bow to them, within limits of time, distance, depth and turn.
+- ``coasting``: there is no pose to steer by. The follower goes on as the leader was moving,
+  corrected by what is seen of its light and by the motion that it sends (`leader.motion`). Without
+  both it does so only until the leader may have turned out of sight.
+- ``searching``: it goes to where most hypotheses of the leader would be seen from
+  (`leader.belief`), with the bow towards them, within limits of time, distance, depth and turn.
 - ``lost``: the search has ended without light. The follower holds where it is, or does what the
   operator has set. Light that comes back is followed again.
 - ``disengaged``: the follower is left to others.
@@ -16,17 +16,17 @@ minimum distance to where the lamp was last seen, as the leader may have stopped
 it is going.
 
 Light that comes back is not believed at once: a track that begins while the vehicles move, of few
-and dim images, may be false. Where the leader is not sure to be there, poses have to agree for
-``settle_s`` and know their range before they steer; until then each guides the search.
+and dim images, may be false. Unless the leader is surely there, poses must agree for ``settle_s``
+and have a known range before they steer; until then each guides the search.
 
-An equal lamp beside the leader's, which goes out, is not followed but held apart (`other_lamp`):
-light falls at once, and what is left is not where the leader is expected. While the track takes
-that up, what it says changes nothing of what is known of the leader. In the dark the leader is
-taken to go on beside that lamp, for as long as it may. Where light grows at once a second lamp is
-lit; then the follower goes on to where the leader would be, and poses of the light of both, which
-are from between the two, steer only from where the leader's is much brighter. Until then they tell
-where the two are. What is found is said to be doubtful. That of two lamps that merge and part again
-is refused until the leader may be there.
+If the leader's lamp goes out beside an equal one, that one is not followed but kept apart
+(`other_lamp`): the light falls suddenly, and what is left is not where the leader is expected.
+While the track adapts to it, its poses change nothing of what is known of the leader. In the dark
+the leader is assumed to go on beside that lamp while this is possible. If the light grows suddenly,
+a second lamp is lit: the follower goes on to where the leader would be. Poses of the light of both
+lie between the two, show where they are, and steer only where the leader's is much brighter. The
+reason of the state names the doubt. After two lamps have merged and parted, a pose is refused until
+the leader may be there.
 """
 
 import math
@@ -52,7 +52,7 @@ from uuv_optical_array.estimation.tracking.track import Outlier
 StateName = Literal["waiting", "locked", "coasting", "searching", "lost", "disengaged"]
 STATES: tuple[StateName, ...] = get_args(StateName)
 DEFAULT_SEARCH = SearchSettings()
-IMAGES_S = 2.0  # without any image until a search would be blind
+IMAGES_S = 2.0  # time without any image after which a search would be blind
 MOST_TURNED_RAD = 0.35  # standard deviation of the angles of a light that came back and steers
 SURFACE_M_PER_S = 0.2
 MEASURED_S = 1.0  # age beyond which a measured velocity is not used
@@ -126,9 +126,8 @@ class Following:
     def looked(self, stamp_s: float, glow: Glow | None = None) -> None:
         """Note that an image was taken, s, and where it is brightest; ``None``: it shows no light.
 
-        A search goes on only while images come, as it would be blind without. Where there is no
-        pose to steer by, light says where the leader is while it is taken to go on, and where to
-        turn in a search.
+        A search goes on only while images come, because it is blind without them. Without a pose to
+        steer by, light corrects where the leader is expected, and says where to turn in a search.
         """
         self._image_s, self._glow = stamp_s, glow
         self._watch_lamps(stamp_s, glow)
@@ -156,18 +155,18 @@ class Following:
     ) -> None:
         """Take the follower's measured velocity, m/s and rad/s, ``(3,)`` each, in its frame.
 
-        While it comes, it takes the place of the commands in the dark. It is through the water, as
-        these are: a current carries the leader, too. Where `up` is, a unit vector in its frame,
-        ``(3,)``, tells how far it has risen or sunk.
+        While it comes, it replaces the commands in the dark. Like these it is relative to the
+        water: a current carries the leader, too. `up`, a unit vector in its frame, ``(3,)``,
+        determines how far it has risen or sunk.
         """
         twist = np.concatenate([linear, np.asarray(angular)[1:]]).astype(float)
         self._measured = OwnMotion(stamp_s, twist, up)
 
     def leader_moves(self, now_s: float, message: Message) -> None:
-        """Take the leader's own motion, as it is told, at the present, s.
+        """Use a message of the leader's own motion at the present, s.
 
-        It is weighed with what the light shows; without light a follower that coasts goes by it.
-        Three in a row have to agree with the light before one counts. Errors are those of
+        It is combined with what the light shows; without light a coasting follower uses it alone.
+        Three consecutive messages must agree with the light before one counts. Errors are those of
         `ToldMotion.take`.
         """
         self._law.leader.take(now_s, message)
@@ -219,7 +218,7 @@ class Following:
             return
         timeout_s, settle_s = self._settings.light_timeout_s, self._search.settle_s
         if dark is not None and covariance[3:, 3:].trace() > MOST_TURNED_RAD**2:
-            self._settling.clear()  # a heading to go by is to be known
+            self._settling.clear()  # the heading must be known to steer by it
         elif self._settling.take(stamp_s, timeout_s, settle_s) or sure:
             found = "the leader's light steers"
             if dark is not None:
@@ -228,7 +227,7 @@ class Following:
             self._dark = None
 
     def _expected(self, dark: Darkness, stamp_s: float, pose: Array, covariance: Array) -> bool:
-        """Let a pose in the dark tell where the leader is; say whether it surely is of it.
+        """Correct where the leader is by a pose in the dark; say whether it surely is the leader's.
 
         Outlier for one that is not, while the follower coasts; else it guides the search.
         """
@@ -276,9 +275,9 @@ class Following:
         raise leader.outlier(pose)
 
     def _note_seen(self, stamp_s: float, pose: Array, covariance: Array) -> None:
-        """Let a pose tell of the leader's motion, and of how bright its lamp is.
+        """Learn the leader's motion, and how bright its lamp is, from a pose.
 
-        Poses that have not settled begin anew with one that agrees with none of them.
+        Poses that have not settled are counted again from one that agrees with none of them.
         """
         track, motion = self._law.last, self._seen.motion if self._seen else None
         assert track is not None

@@ -1,7 +1,7 @@
 """The control law that keeps a follower on station behind the leader, while there is light.
 
 It takes relative pose and rate from the estimator's tracker, subtracts its own command from the
-rate, which leaves the leader's motion, weighs it with what the leader tells (`told_motion`), and
+rate, which leaves the leader's motion, combines it with what the leader sends (`told_motion`), and
 predicts the pose to the present by that motion and its commands since. It commands the leader's
 velocity, plus one proportional to the error of the predicted pose. So nothing lags at a steady
 speed or turn of the leader or in a steady current, which looks like a motion of the leader, and
@@ -11,13 +11,13 @@ The station is a place behind the lamp, on the beam's axis or beside it, and tur
 
 While the light is not lost each command keeps a minimum distance to the lamp (`steering`). Its
 nearest possible range is that of the predicted or of the newest pose, whichever is less, less
-`RANGE_STDS` standard deviations of the newest. So the minimum is kept, but for the latency of poses
-and vehicle, while the range errs by no more than `RANGE_STDS` of its published standard deviations
-and the leader does not come nearer by itself. A range that errs by more cannot be recognised. A
+`RANGE_STDS` standard deviations of the newest. So, but for the latency of poses and vehicle, the
+minimum is kept while the range errs by no more than `RANGE_STDS` of its published standard
+deviations and the leader does not come nearer by itself. A larger error cannot be recognised. A
 command of zero is rest in the water: without light a current carries the follower along.
 
-A refused pose steers nothing, and where no other comes the follower stops, unless `following` lets
-it go on. Beyond the minimum a pose is refused whose range may err by half of itself.
+A refused pose does not steer, and if no other comes the follower stops, unless `following` lets it
+go on. Beyond the minimum distance a pose is refused if its range may err by half of itself.
 """
 
 import math
@@ -40,7 +40,7 @@ MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 
 
 class LeaderTrack(NamedTuple):
-    """A checked pose, by what its range may err, m, and the leader's motion."""
+    """A checked pose, the possible error of its range, m, and the leader's motion."""
 
     stamp_ns: int
     pose: Array
@@ -49,9 +49,9 @@ class LeaderTrack(NamedTuple):
 
 
 class FormationController:
-    """Keep station and the leader's attitude; none nearer than the minimum distance is reached.
+    """Keep station and the leader's attitude, no nearer than the minimum distance.
 
-    - leader: its motion, as it is told and as the light shows it.
+    - leader: its motion, as it sends it and as the light shows it.
     """
 
     def __init__(self, settings: FormationSettings) -> None:
@@ -87,9 +87,9 @@ class FormationController:
         - pose: ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
         - covariance: of `pose`, shape ``(5, 5)``, positive definite.
         - rate: of `pose`, the follower's own motion included, m/s and rad/s, shape ``(5,)``.
-        - rate_covariance: of `rate`, shape ``(5, 5)``, positive definite, by which it is weighed
-          with what the leader tells of its motion; ``None``: it counts alone.
-        - NoPose: for a pose beyond the minimum whose range may err by itself.
+        - rate_covariance: of `rate`, shape ``(5, 5)``, positive definite, which weights it against
+          the motion that the leader sends; ``None``: it counts alone.
+        - NoPose: for a pose beyond the minimum whose range is too uncertain.
         - ValueError: for what is not finite, out of bounds or not positive definite, and a stamp
           that does not advance; the controller is left as it was.
         """
@@ -116,7 +116,7 @@ class FormationController:
         self._track, self._lit = new, True
         if spread is not None:
             self.leader.light(stamp_s, pose, shown, spread)
-        self._cruise = self._rate  # lest a stale pose bring the old speed back
+        self._cruise = self._rate  # so that a stale pose does not restore the old speed
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:
         """Return the twist to command at the present, s, on the clock of the stamps.
@@ -153,7 +153,7 @@ class FormationController:
         return self._track
 
     def off(self, stamp_s: float, pose: Array) -> Array:
-        """Return how far a pose is from where the last one that steered leads by then, ``(5,)``."""
+        """Return how far a pose is from the prediction of the last one that steered, ``(5,)``."""
         if self._track is None:
             raise ValueError("off: no pose has steered yet")
         return pose - self._predicted(self._track, nanoseconds("stamp_s", stamp_s))
@@ -195,7 +195,7 @@ class FormationController:
         )
 
     def _goal(self, pose: Array) -> Array:
-        """Return the pose to take, as seen from one, ``(5,)``: the station, facing the way told."""
+        """Return the goal as seen from a pose, ``(5,)``: the station with the wanted heading."""
         if not self._settings.bow_to_lamp:
             return self._station
         return np.array([*self._station[:3], *bow_to(-pose[:3])])

@@ -1,7 +1,7 @@
 """The command that steers a vehicle to a goal, within its limits and off what it must not reach.
 
-Behind a leader that turns fast the station sweeps aside faster than a vehicle sways; then the bow
-turns into the way, as far as the array still sees the lamp, and surge does what sway cannot.
+Behind a leader that turns fast the station moves sideways faster than a vehicle sways; then the bow
+turns towards the way, while the array still sees the lamp, and surge does what sway cannot.
 
 A lamp is kept off by the minimum distance, and a depth by its room above and below, by one rule:
 
@@ -21,8 +21,8 @@ import numpy as np
 from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.core.geometry import YAW, Array
 
-# How far off the lamp the bow turns at most into the way, so that the array sees the lamp, rad, and
-# how much sooner than to another heading.
+# Largest angle of the bow off the lamp towards the way, so that the array sees the lamp, rad, and
+# the gain of this turn relative to that of another.
 CRAB_RAD, CRAB_GAIN = 0.7, 2.0
 
 
@@ -96,7 +96,7 @@ class Steering:
         return rate
 
     def _crab(self, velocity: Array, to_lamp: Array, turn: float) -> float:
-        """Return by how much to turn the bow into a wanted velocity that is faster than the sway.
+        """Return by how much to turn the bow towards a wanted velocity that exceeds the sway.
 
         - velocity: surge and sway, m/s, ``(2,)``; to_lamp: ``(3,)``; both as the bow is now.
         - turn: to the heading that is wanted, rad.

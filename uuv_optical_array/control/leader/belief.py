@@ -1,4 +1,4 @@
-"""Where a leader without light may be by now, and from where most of it would be seen.
+"""Where a leader may be after its light went, and from where it would most likely be seen.
 
 When the light goes, the lamp is at the origin of a frame that stays in the water, and the leader
 moves as it did last. From then on a fan of hypotheses spreads: each has the leader's speed or, as
@@ -7,9 +7,9 @@ one that stopped, none, and a turn rate that goes from the last one to one of it
 how likely they are:
 
 - by a prior, which is that of how leaders turn (`TURNS`), stop (`STOPPED`) and pause (`PAUSED`);
-- less and less where the lamp would be seen from where the follower is, and no light comes. Light
-  that went may stay away, so that this counts little at first, and what was seen dark in vain may
-  be looked at again later.
+- less and less while the follower would see the lamp of a hypothesis, and no light comes. A lamp
+  may stay dark, so that this counts little at first, and places that were found dark may be looked
+  at again later.
 
 So a search goes from the likely places to the others, wider as they spread, and comes back. A
 glimpse of light, whose pose is not to be trusted yet, adds a hypothesis and weighs the others: by
@@ -26,12 +26,12 @@ from uuv_optical_array.control.leader.motion import TURN_S, LeaderMotion, seen_a
 from uuv_optical_array.control.leader.sight import SightSettings
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 
-# Turn rates that a leader may go over to, deg/s, and their prior, of yaw and of pitch.
+# Turn rates that a leader may change to, deg/s, and their prior, of yaw and of pitch.
 TURNS = (np.array([-6.0, -3.0, -1.5, 0.0, 1.5, 3.0, 6.0]), 2.5)
 CLIMBS = (np.array([-1.5, 0.0, 1.5]), 1.0)
 MOST_PITCH = 0.3  # rad; beyond it no leader climbs on
 TURNING_S = 10.0  # after which a leader that turned goes straight on, and a drift ends
-PERSIST = (1.0, 0.3)  # shares of the last turn rate from which it does
+PERSIST = (1.0, 0.3)  # shares of the last turn rate with which hypotheses begin
 # Probabilities that a leader without light has changed its speed, each to one of these, m/s: it
 # stopped, or stopped and went aside, up, down or back; and that it went on after that.
 STOPPED, PAUSED = 0.15, 0.15
@@ -42,16 +42,16 @@ DARK_S = 30.0  # time constant of the probability that the lamp still gives no l
 LOOK_S = 4.0  # of looking at a lit lamp without seeing it, which makes it unlikely by e
 AGAIN_S = 60.0  # after which what was seen dark counts again
 LEAST = 0.02  # weight, of its prior, that a glimpse elsewhere leaves
-# Standard deviation of the logarithm of light that is expected, and by how many it tells at most:
-# clouds take light, too.
+# Standard deviation of the logarithm of the expected light, and how many of them count at most,
+# because clouds take light, too.
 LIGHT_STD, MOST_STDS = 0.7, 4.0
 ARRAY_DEG = 70.0  # off the bow, to where detectors see
 # Variances of a leader's place and heading beside a hypothesis, m^2 and rad^2, and the standard
 # deviation of a glimpse's place, m, beyond which it is vague.
 BESIDE, VAGUE_M = np.diag([0.25, 0.25, 0.25, 0.01, 0.01]), 1.0
-ARRIVAL_S = 20.0  # a place that is reached so much later is worth less by e
-# How many of the likely leaders are looked at, from how far behind, in stations, and for how long;
-# by how much another place has to be better than to stay.
+ARRIVAL_S = 20.0  # a place that is reached this much later is worth 1 / e
+# How many likely leaders are considered, from how far behind, in stations, and for how long; the
+# factor by which another place must be better than staying.
 LIKELY, TRAIL, LOOKS_S, STAYS = 24, 2.0, 8.0, 1.1
 # Starts: where the lamp may be beside the place where a follower on station would see it.
 ASIDE_M, AHEAD_M, ABOVE_M = (-6.0, -3.0, 0.0, 3.0, 6.0), (-3.0, 0.0, 4.0, 8.0), (-1.5, 0.0, 1.5)
@@ -192,10 +192,10 @@ class LeaderBelief:
         return self.places + ways * time_s * arc, headings
 
     def glimpse(self, own: Array, pose: Array, covariance: Array, light: float | None) -> Goal:
-        """Weigh the hypotheses by a pose that is not to be trusted; return the place behind it.
+        """Weight the hypotheses by a pose that is not trusted yet; return the place behind it.
 
-        What it leaves open, as a heading in dim light, is as those have it that it fits. While the
-        place is vague it is looked at from farther.
+        What the pose leaves open, such as the heading in dim light, is that of the hypotheses that
+        it fits. A vague place is viewed from farther away.
 
         - own: where the follower is, ``(5,)``; `pose`, `covariance`: as of a track.
         - light: of its image, as of `SightSettings.on_axis`; ``None``: it is not known.
@@ -224,7 +224,7 @@ class LeaderBelief:
         return Goal(len(self.weights) - 1, TRAIL if vague else 1.0)
 
     def forget_glimpse(self) -> None:
-        """Take what was glimpsed for false."""
+        """Discard what was glimpsed as false."""
         self.weights = self._prior.copy()
 
     def goal(self, own: Array, station: Array, speed_m_per_s: float) -> Goal:

@@ -1,9 +1,9 @@
-"""Which of the lamps in sight is the leader's, by how light changes at once and by where they are.
+"""Which lamp in sight is the leader's, by sudden changes of the light and by where lamps are.
 
-Where light falls at once a lamp went out, and what is left is another one where the leader is not
-expected; until the track has taken that up, a pose tells little of either. Light that falls ever
-faster, as where one swings out of the beam, does not fall at once. Where light grows at once
-beside a lamp that is held apart, a second one is lit.
+If the light falls suddenly, a lamp went out, and what is left is another one unless the leader is
+expected there; until the track has adapted, a pose says little of either. Light that falls faster
+and faster, as when the follower leaves the beam, does not fall suddenly. If light grows suddenly
+beside a lamp that is kept apart, a second one is lit.
 """
 
 import math
@@ -16,9 +16,8 @@ from uuv_optical_array.control.leader.other_lamp import OtherLamp
 from uuv_optical_array.control.leader.sight import SightSettings
 from uuv_optical_array.core.geometry import Array
 
-# By what factor, and beyond each of how many images, light grows where a second lamp is lit and
-# falls, more than by then, where one of two goes out; in what time what is left is taken up by the
-# track.
+# Factor by which light exceeds each of so many last images if a second lamp is lit, or falls below
+# each, faster than before, if one of two goes out; time in which the track adapts, s.
 LIT, LIT_IMAGES, LEFT_S = 1.4, 3, 2.0
 
 Change = Literal["lit", "out"]

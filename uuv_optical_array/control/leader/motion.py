@@ -2,9 +2,9 @@
 
 A light that goes behind a cloud is seldom gone. Poses of it may be too uncertain to steer by, and
 images without a pose still show where it is brightest. A Kalman filter of the leader's pose and
-rate, in a frame that stays in the water, takes each of these for what it knows, and goes on by the
-leader's last motion meanwhile. What is not where the leader may be by now is another lamp, or
-false: it changes nothing.
+rate, in a frame that stays in the water, weights each of these by its covariance, and goes on by
+the leader's last motion meanwhile. What cannot be the leader by now is another lamp or false, and
+changes nothing.
 """
 
 import math
@@ -23,15 +23,15 @@ MOST_SPEED, MOST_TURN = 2.0, 0.6  # of a leader, m/s and rad/s: beyond them is n
 # leaders that speed up, brake and turn.
 RATE_STD = np.repeat([0.5, 0.2], [3, 2])
 CHANGE = np.repeat([0.1, 0.05], [3, 2])
-KNOWN = 0.3  # of the former, below which what is told says how the leader goes on
+KNOWN = 0.3  # share of the former, below which a message determines how the leader goes on
 MOST_STEP_S = 5.0  # beyond it a clock was set
-ALIKE_S = 1.0  # for which errors of what is seen are alike
+ALIKE_S = 1.0  # correlation time of the errors of what is seen
 CHANCE = 1e-3  # that the leader is taken for another lamp
 LIKELY = 0.05  # that it is farther off than a pose that is surely of it
 # Direction of the brightest place at an array's edge, rad, and its standard deviation in the middle
 # and at the edge: the beam's slope across the array, and a detector's width.
 EDGE_RAD, MIDDLE_STD, EDGE_STD = 0.3, 0.15, 0.45
-# A cloud takes no more of the light than this leaves, where brightness tells how near a lamp is.
+# Least share of the light that a cloud is assumed to leave, where brightness limits the range.
 LEFT_BY_CLOUDS = 0.35
 
 
@@ -96,7 +96,7 @@ class LeaderMotion:
     def advance(self, now_s: float, twist: Array) -> float:
         """Move on to a time, s, by the follower's own motion, ``(5,)``; return the step, s.
 
-        The leader goes on, and its turn ends slowly. A clock that is set moves nobody far.
+        The leader goes on, and its turn ends slowly. The step is limited, as clocks may be set.
         """
         step_s = min(max(now_s - self._now_s, 0.0), MOST_STEP_S)
         if step_s or now_s < self._now_s - MOST_STEP_S:
@@ -122,21 +122,21 @@ class LeaderMotion:
         return off, sees @ covariance @ sees.T
 
     def expects(self, pose: Array, covariance: Array, chance: float = CHANCE) -> bool:
-        """Say whether the lamp of a pose is where the leader's may be, but for a chance."""
+        """Say whether the lamp of a pose may be the leader's, at a significance level."""
         off, spread = self.off(pose, covariance)
         spread = (spread + self.covariance[:5, :5])[:3, :3]
         return plausible(off[:3], spread, chance)
 
     def in_line(self, pose: Array, covariance: Array, chance: float) -> bool:
-        """Say whether it `expects` a pose whose range may be any, as that of a lamp that dims."""
+        """Say whether it `expects` a pose at any range, such as that of a lamp that dims."""
         spread = covariance.copy()
         spread[:3, :3] += np.outer(pose[:3], pose[:3])
         return self.expects(pose, spread, chance)
 
     def unlikeliness(self, pose: Array, covariance: Array) -> float:
-        """Return twice the negative logarithm of how likely a pose of it is, but for a constant.
+        """Return twice the negative log-likelihood of a pose of it, up to a constant.
 
-        By that leaders are compared, each in its own frame.
+        It compares leaders, each in its own frame.
         """
         off, spread = self.off(pose, covariance)
         spread = spread + self.covariance[:5, :5]
@@ -148,7 +148,7 @@ class LeaderMotion:
             raise self.outlier(pose)
 
     def outlier(self, pose: Array) -> Outlier:
-        """Return what is said of a pose that is not taken for the leader's."""
+        """Return the Outlier for a pose that is not the leader's."""
         return Outlier(
             f"outlier: a lamp {self.off_m(pose):.3g} m from where the leader is expected; "
             "another lamp, or the leader left its way"
@@ -159,17 +159,17 @@ class LeaderMotion:
         return float(np.linalg.norm(seen_at(self.own, pose)[0] - self.place))
 
     def see(self, pose: Array, covariance: Array) -> None:
-        """Take a pose that it `expects`, whatever it knows."""
+        """Correct by a pose that it `expects`, however uncertain."""
         self._correct(*self.off(pose, covariance), np.eye(5, 10))
 
     def take(self, off: Array, spread: Array, sees: Array) -> None:
-        """Take an innovation, ``(m,)``, if it may be that far off; arguments as of `_correct`."""
+        """Correct by an innovation, ``(m,)``, if it is plausible; arguments as of `_correct`."""
         expected = sees @ self.covariance @ sees.T + spread
         if plausible(off, expected):
             self._correct(off, spread, sees)
 
     def face(self, glow: Glow) -> None:
-        """Take where an image is brightest, if the leader may be there."""
+        """Correct by where an image is brightest, if the leader may be there."""
         range_m = float(np.linalg.norm(self.place - self.own[:3]))
         line = rotation_matrix(*self.own[3:]) @ rotation_matrix(
             -EDGE_RAD * glow.up, EDGE_RAD * glow.to_port
@@ -184,9 +184,9 @@ class LeaderMotion:
             self.take(off, spread, across @ np.eye(3, 10))
 
     def hear(self, twist: Array, covariance: Array) -> bool:
-        """Take a motion that the leader tells, ``(5,)`` in its axes, and its covariance.
+        """Correct by a motion that the leader sends, ``(5,)`` in its axes, and its covariance.
 
-        Return whether its rate is known by that.
+        Return whether the leader's rate is then known.
         """
         speed = np.clip(twist[:3], -MOST_SPEED, MOST_SPEED) - self.speed
         turn = np.clip(twist[3:], -MOST_TURN, MOST_TURN) - self.turn
@@ -198,7 +198,7 @@ class LeaderMotion:
         return bool((stds <= KNOWN * RATE_STD).all())
 
     def reaches(self, place: Array, heading: Array) -> bool:
-        """Say whether it may be at a place, m, with a heading, rad, but for a chance."""
+        """Say whether it may plausibly be at a place, m, with a heading, rad."""
         off = np.concatenate([place - self.place, wrapped(heading - self.heading, 1)])
         return plausible(off, self.covariance[:5, :5])
 
@@ -208,7 +208,7 @@ class LeaderMotion:
         self.unseen_s = self._corrected_s = 0.0
 
     def _take(self, off: Array, spread: Array, sees: Array) -> None:
-        """Do so by errors that are unlike those before."""
+        """Correct likewise, by errors that are independent of those before."""
         gain = np.linalg.solve(sees @ self.covariance @ sees.T + spread, sees @ self.covariance).T
         change = gain @ off
         kept = np.eye(10) - gain @ sees
@@ -220,7 +220,7 @@ class LeaderMotion:
 
 
 def plausible(off: Array, spread: Array, chance: float = CHANCE) -> bool:
-    """Say whether a Gaussian of a covariance is so far off its mean, ``(n,)``, but for a chance."""
+    """Say whether an offset, ``(n,)``, is plausible for a Gaussian, at a significance level."""
     return bool(off @ np.linalg.solve(spread, off) <= chdtri(len(off), chance))
 
 

@@ -1,11 +1,11 @@
-"""A lamp that is not the leader's, held apart from it for as long as it is seen to go on.
+"""A lamp that is not the leader's, kept apart from it while it is seen.
 
-Two equal lamps look alike, so that only their ways and light that falls at once, as one goes out,
-tell them apart. What is left then is another one if it is not where the leader is expected; without
-a fall, if the leader cannot have got there since its light was seen, however hard it speeds up,
-brakes and turns. It stays so: what goes on from it rather than from the leader is that lamp, also
-later, when the leader might be there. It is not followed. It may be in company with the leader,
-which is then beside it as before; by that the follower goes on in the dark, and searches.
+Two equal lamps look alike. Only their paths and a sudden fall of the light, when one goes out,
+separate them. What is left then is another one if it is not where the leader is expected; without a
+fall, if the leader cannot have got there since its light was seen, however hard it speeds up,
+brakes and turns. It stays so: what continues its path rather than the leader's is that lamp, even
+later, when the leader might be there. It is not followed. It may move in company with the leader,
+which is then beside it as before; the follower coasts and searches by that.
 
 Where both shine, a pose is of a place between them, nearer to the one that is brighter where the
 follower is. Where that is the leader's by far, it is the leader's pose.
@@ -80,15 +80,15 @@ class OtherLamp:
         return True
 
     def mixes(self, leader: LeaderMotion, sight: SightSettings) -> bool:
-        """Say whether the light where a leader in its company is seen from is too much its own."""
+        """Say whether its share of the light is too large for a pose of a leader in its company."""
         return not self.alone and self._share(leader, leader.place, sight) > OURS
 
     def see_both(
         self, pose: Array, covariance: Array, leader: LeaderMotion, sight: SightSettings
     ) -> None:
-        """Let a pose of the light of both, which is from between them, tell where a leader is.
+        """Correct where a leader is by a pose of the light of both, which lies between them.
 
-        Where the share changes fast from place to place, it tells little along the way between.
+        Where the share changes fast with the place, the pose says little along the line between.
         """
         way, share = self._way(leader), self._share(leader, leader.place, sight)
         by_place = [self._share(leader, leader.place + each, sight) for each in STEP_M * np.eye(3)]
@@ -129,7 +129,7 @@ def goes_on(expected: Array, pose: Array, covariance: Array, since_s: float) -> 
 
 
 def within_reach(off: Array, spread: Array, since_s: float) -> bool:
-    """Say whether a leader may have got off its way by so much in a time, s, but for a chance.
+    """Say whether a leader can plausibly be so far off its way after a time, s.
 
     - off: of its place, m, and heading, rad, ``(5,)``; spread: its covariance, ``(5, 5)``.
     """

@@ -1,8 +1,8 @@
-"""The leader's own motion, as a modem or a test tank tells it, beside the one that the light shows.
+"""The leader's own motion, as a modem or a test tank sends it, beside that which the light shows.
 
-What is told is late, and holds less and less: leaders change their motion. Both are weighed by
-their covariances, once what is told has agreed with the light. While there is light it shows more
-than most modems tell; without it what is told leads a follower that coasts.
+A message is late and becomes less certain, because leaders change their motion. Both are weighted
+by their covariances once messages have agreed with the light. Light determines the motion better
+than most modems do; without it the messages guide a follower that coasts.
 """
 
 import math
@@ -20,8 +20,8 @@ from uuv_optical_array.core.messages import MAX_TWIST
 
 OLDEST_S, AHEAD_S = 3.0, 0.3  # of a told motion's stamp, before and after the present
 MOST_STDS = 4.0  # standard deviations of both, by which it may be off what the light shows
-# It counts once so many in a row have agreed with light of at most so long before or after, in
-# which a change takes so long to show.
+# Messages count once so many in a row agree with light within this time, s, before or after; light
+# shows a change after this lag, s.
 AGREE, BESIDE_S, LAG_S = 3, 0.5, 0.2
 # How leaders change their motion (R. A. Singer, Estimating Optimal Tracking Filter Performance for
 # Manned Maneuvering Targets, 1970, of the rate instead of its change): standard deviations of the
@@ -33,7 +33,7 @@ UNITS = ("m/s", "m/s", "m/s", "rad/s", "rad/s")
 
 
 class Message(NamedTuple):
-    """A leader's motion, as it is told.
+    """A leader's motion, as it is sent.
 
     - stamp_s: when it moved so, s, later than the one before.
     - linear, angular: velocity of the lamp through the water and turn, in the leader's frame, m/s
@@ -75,9 +75,9 @@ class _Shown(NamedTuple):
 
 
 class ToldMotion:
-    """The newest motion that was told, and what the light showed of late.
+    """The newest motion that was sent, and what the light showed recently.
 
-    What is told counts once `AGREE` in a row have agreed with the light: who is wrong in the light
+    It counts once `AGREE` in a row have agreed with the light: a sender that is wrong in the light
     is not believed in the dark.
     """
 
@@ -87,10 +87,10 @@ class ToldMotion:
         self._shown: list[_Shown] = []  # of the last `OLDEST_S` of light
 
     def take(self, now_s: float, message: Message) -> None:
-        """Take what is told at the present, s.
+        """Take a message at the present, s.
 
         ValueError for what is not finite or out of bounds, a stamp that is not later, too old or
-        ahead, and a motion that the light contradicts; it leaves what was told before.
+        ahead, and a motion that the light contradicts; the message before stays.
         """
         told, before = _checked(now_s, message), self._told
         # A stamp ahead of the present is left from before the clock was set back.
@@ -103,7 +103,7 @@ class ToldMotion:
         self._told = told
 
     def _judge(self, told: Told) -> None:
-        """Raise ValueError where the light contradicts; it says little of other times."""
+        """Raise ValueError where light of about the same time contradicts."""
         if not self._shown:
             return
         shown = min(self._shown, key=lambda one: abs(told.stamp_s - one.stamp_s))
@@ -132,7 +132,7 @@ class ToldMotion:
         return told if -AHEAD_S <= now_s - told.stamp_s <= OLDEST_S else None
 
     def light(self, stamp_s: float, pose: Array, rate: Array, covariance: Array) -> None:
-        """Note what the light shows; arguments as of `fused`. By it what is told is judged."""
+        """Note what the light shows, by which messages are judged; arguments as of `fused`."""
         self._shown = [one for one in self._shown if 0 < stamp_s - one.stamp_s <= OLDEST_S]
         self._shown.append(_Shown(stamp_s, pose, rate, covariance))
 
@@ -191,7 +191,7 @@ def checked_spread(covariance: ArrayLike) -> Array:
 
 
 def _checked(now_s: float, message: Message) -> Told:
-    """Return what is told, where it can be a motion of late."""
+    """Return a checked message; ValueError where it cannot be a recent motion."""
     stamp_s, linear, angular, covariance = message
     age_s = now_s - stamp_s
     if not age_s <= OLDEST_S:

@@ -116,7 +116,7 @@ class Pipeline:
         ------
         NoPose
             As `check`, `Estimator.estimate` and `Tracker.take`, and for a late frame: it enters the
-            track, whose newer pose is out.
+            track, whose newer pose is published.
         """
         if image is not None:
             self.check(image)

@@ -110,7 +110,7 @@ def cramer_rao_bound(model: ForwardModel, poses: ArrayLike, roll: ArrayLike = 0.
         inverse = np.divide(1.0, values, out=np.zeros_like(values), where=seen)
         covariance = (vectors * inverse[..., None, :]) @ np.swapaxes(vectors, -1, -2)
         observable = ((np.abs(vectors) < SHARE) | seen[..., None, :]).all(axis=-1)
-    # A prior that fades lets the variance in an unseen direction, and all that lean on it, diverge.
+    # As a prior vanishes, variances in an unseen direction, and of all with a part in it, diverge.
     covariance[~(observable[..., :, None] & observable[..., None, :])] = np.nan
     diagonal = np.arange(5)
     variance = covariance[..., diagonal, diagonal]

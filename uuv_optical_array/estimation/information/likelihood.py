@@ -56,7 +56,7 @@ def censored(light: Any, bound: Any, sign: Any, variance: Any) -> tuple[Any, Any
     information is the second derivative, sign turned.
     """
     precision = 1 / sqrt(variance)
-    # Beyond this all is as improbable, and a square still has a number.
+    # Beyond this all is equally improbable, and a square is still finite.
     u = minimum(maximum(sign * (light - bound) * precision, -1e100), 1e100)
     over = hazard(u)
     share = maximum(over * (over + u), 0.0)

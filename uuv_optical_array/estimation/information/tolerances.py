@@ -1,4 +1,4 @@
-"""What errors of building cost in the pose, to first order."""
+"""How errors of building change the pose, to first order."""
 
 import dataclasses
 

@@ -1,10 +1,10 @@
 """Faulty detectors, whose readings are not believed.
 
 Readings are Gaussian about the light, or those of a detector that is dead, stuck, dirty or in a
-glint: anything to full scale, of all lamps. How far a detector is believed is its weight, which
-follows from its residuals, and the fit from the weights, in turns (A. Dempster, N. Laird and
-D. Rubin, 1977, J. R. Stat. Soc. B 39, 1). From afar all residuals are large, so the noise is taken
-for larger at first, and cools (A. Blake and A. Zisserman, *Visual Reconstruction*, 1987).
+glint: anything to full scale, of all lamps. The weight of a detector is the probability that it
+works; weights follow from residuals, and the fit from the weights, in turns (A. Dempster, N. Laird
+and D. Rubin, 1977, J. R. Stat. Soc. B 39, 1). Far off all residuals are large, so the noise is
+taken larger at first, and reduced (A. Blake and A. Zisserman, *Visual Reconstruction*, 1987).
 """
 
 from typing import Any
@@ -25,18 +25,18 @@ from uuv_optical_array.estimation.least_squares.problem import (
 from uuv_optical_array.estimation.least_squares.starts import Guide, least_of, roots_of
 from uuv_optical_array.forward.noise import ReadingNoise, reading_variance
 
-FAULTY = 1e-2  # probability that a detector reads anything, in an image that does not fit
+FAULTY = 1e-2  # probability that a detector is faulty, in an image that does not fit
 AT_LIMIT = 0.25  # and that it is then dark, or at full scale
-# Cost of a detector, as of three standard deviations, beyond which it is hardly believed: where one
-# is faulty, few others are worth the risk. Each further lamp adds what chi-squares of more degrees
-# of freedom are larger.
+# Cost of a detector, that of three standard deviations, beyond which it has little weight: where
+# one is faulty, others are doubted early. Each further lamp adds the growth of a chi-square with
+# its degrees of freedom.
 DISBELIEVED, EACH_LAMP = 4.5, 1.25
-LIT_EACH = 6  # clearly lit detectors beside each that is not believed, or the rest fits anything
-STARTS: Any = np.int64(8)  # of NumPy's kind, as Numba compiles anew for each literal
+LIT_EACH = 6  # clearly lit detectors needed for each that is left out, as few fit anything
+STARTS: Any = np.int64(8)  # a NumPy integer, as Numba compiles again for each literal
 COOLER = 0.25  # factor of the variance from turn to turn
 TURNS = 12  # of weights and fit
 STEPS: Any = np.int64(6)  # of a fit
-SETTLED = 1e-2  # change of the weights from which they stay
+SETTLED = 1e-2  # change of the weights below which they have converged
 
 
 def most_faulty(problem: Problem) -> int:
@@ -76,7 +76,7 @@ def write_squares(readings: Array, light: Array, noise: ReadingNoise, squares: A
 
 
 def weigh(squares: Array, heat: float, weights: Array) -> tuple[float, float]:
-    """Write how far detectors are believed, by a variance `heat` times as large.
+    """Write the weights of detectors, with a variance `heat` times as large.
 
     - returned: largest change of a weight, and what the weights add to the cost of the readings.
     """
@@ -112,7 +112,7 @@ def log_faulty(
 
 
 def write_unlike(guide: Guide, row: int, sight: Array, squares: Array) -> None:
-    """Write how unlike an image and that of a pose are, by detectors that the guide has."""
+    """Write how much an image and that of a pose differ, by the guide's detectors."""
     squares[:], readings, roots = 0.0, guide.readings, guide.roots
     for j in range(len(readings)):
         off = roots[j, row] - sight[readings[j]]
@@ -127,7 +127,7 @@ def heat_of(squares: Array) -> float:
 
 
 def fit_believed(problem: Problem, at: Array, squares: Array) -> tuple[float, Array]:
-    """Fit readings from a place with the weights that they deserve, which are written.
+    """Fit readings from a place with weights by their residuals, which are written.
 
     - squares: workspace, one for each detector.
     - returned: cost in all, and where that is.

@@ -46,23 +46,23 @@ from uuv_optical_array.estimation.least_squares.starts import (
 from uuv_optical_array.estimation.least_squares.thinned import thinned
 from uuv_optical_array.estimation.unknowns.coordinates import to_lamp
 
-# So few lit detectors fit many poses, and so many starts are tried.
+# Up to this many lit detectors fit many poses, and this many starts are tried for them.
 FEW_LIT, MOST_STARTS = 10, 64
 # Fits closer together than this, in standard deviations, are in one minimum.
 DISTINCT = 3.0
-# Minima that are this much less probable, as a logarithm, leave no trace.
+# Minima that are this much less probable, as a logarithm, are negligible.
 NEGLIGIBLE = 12.0
 # Minima up to this much less likely are covered to `DISTINCT`, however small their evidence.
 RIVAL = 6.0
-# Steps after which the damping begins anew: the first ones, from afar, may have damped too much.
+# Steps after which the damping restarts: the first ones, from far away, may damp too much.
 LONG_STEPS = 2
 # Near the lamp valleys are long and bent: so many minima of few lit detectors are followed to their
 # end, in more steps.
 FOLLOWED = 16
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
-# How a frame is estimated: from the guide's starts, all readings believed or each as it deserves;
-# or by one linear step; or only linearised.
+# How a frame is estimated: from the guide's starts, with all readings or with weights by their
+# residuals; or by one linear step; or only linearised.
 BELIEVED, DOUBTED, ONE_STEP, LINEARISED = range(4)
 NOWHERE: Array = np.empty(0)
 NOTHING: Array = np.empty((0, 0))
@@ -75,7 +75,7 @@ class FrameResult(NamedTuple):
     - pose, covariance: m and rad, shapes ``(5,)`` and ``(5, 5)``.
     - score, runner_up_score: `problem.misfit` of the two best minima; nan: there is none.
     - best: pose and nuisances of the best minimum, shape ``(p,)``.
-    - log_evidence: of likelihood times prior, integrated, but for what all kinds have in common.
+    - log_evidence: of likelihood times prior, integrated, less what all kinds have in common.
     - linear_log_evidence: the same by Laplace's approximation about the best minimum.
     - coordinates: of `best`, shape ``(5,)``.
     - runner_up: pose of the next minimum; nan where there is none.
@@ -235,7 +235,7 @@ def estimate_frame(
 
     - given: the posterior of the image.
     - to_start: where to start.
-    - way: `BELIEVED`; `DOUBTED`: readings may be anything, and those of the problem, and weights,
+    - way: `BELIEVED`; `DOUBTED`: readings may be faulty, and those of the problem and the weights
       are written; `ONE_STEP`: what one linear step from a place leads to, by its Gaussian;
       `LINEARISED`: nothing, but `write_linear` writes.
     - place: coordinates and nuisances, or pose and nuisances, shape ``(p,)``, or `NOWHERE`.

@@ -1,10 +1,10 @@
 """How the light of an image may differ from the scene's: by nothing, a little, or more.
 
-What the scene does not describe (shade, daylight's slope, what beam and response are not) is smooth
+What the scene does not describe (shade, daylight's slope, errors of beam and response) is smooth
 over the array. So an image has, beside the scene's unknown constants, modes of such a discrepancy,
 whose prior is a mixture of several sizes: most images have none. Each size is a kind of frame, with
-a posterior of its own, and together they are weighed by their evidence. By several lamps each of
-them may also be off by itself.
+a posterior of its own, and the kinds are weighted by their evidence. Each of several lamps may also
+differ by itself.
 """
 
 import functools
@@ -66,7 +66,7 @@ def frame_kinds(model: ForwardModel, pose_mean: Array, pose_std: Array) -> list[
         stds = {**own_stds, **known.std_in(light)}
         gain_std = known.gain_std_in(light)
         if light.cloud and lamps:
-            # On its way from each lamp the light is shaded otherwise.
+            # On its way from each lamp the light is shaded differently.
             for i in range(lamps):
                 power = of_lamp(i, OWN_POWER)
                 stds[power] = math.hypot(stds.get(power, 0.0), light.depth)
@@ -97,7 +97,7 @@ def frame_kinds(model: ForwardModel, pose_mean: Array, pose_std: Array) -> list[
 
 
 def expecting(kinds: list[FrameKind], uneven: float | None) -> list[FrameKind]:
-    """Return kinds of frame where the images before let expect so many that are not clear."""
+    """Return the kinds of frame with the share of unclear ones that earlier images predict."""
     if uneven is None or len(kinds) == 1:
         return kinds
     share, (clear, *others) = min(max(uneven, LEAST), 1 - LEAST), kinds
@@ -109,7 +109,7 @@ def expecting(kinds: list[FrameKind], uneven: float | None) -> list[FrameKind]:
 def mixture(
     frames: Sequence[FrameResult], evidence: Sequence[float]
 ) -> tuple[FrameResult, list[float]]:
-    """Return what different kinds of frame make of one image together, and their probabilities."""
+    """Return the mixture of one image's posteriors by kinds of frame, and their probabilities."""
     fitted = [i for i, frame in enumerate(frames) if frame.outcome == FITTED]
     if not fitted:
         return frames[0], [0.0] * len(frames)

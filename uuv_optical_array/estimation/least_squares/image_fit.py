@@ -1,7 +1,7 @@
-"""An image fitted: its posterior of the pose, over what else the scene leaves unknown.
+"""The fit of an image: the posterior of the pose, over all else that the scene leaves unknown.
 
-What may be behind an image is tried first as a clear frame, then as one of each other kind that is
-likely by then, and without faulty detectors; what fits is weighed by its evidence.
+An image is fitted first as a clear frame, then as each other kind of frame that is still likely,
+and without faulty detectors; the fits are weighted by their evidence.
 """
 
 import math
@@ -66,21 +66,21 @@ PRIOR_HALF_EXTENTS = 3.0
 # A degree of freedom is unobservable where the image leaves more than this of the prior.
 UNOBSERVABLE = 0.5
 # An image is as good as linear where its posterior's mode is within so many standard deviations of
-# its mean (0.1 near by, 1 from afar or of a planar array), and its range known to this share.
+# its mean (0.1 near the lamp, 1 far away or of a planar array), and its range known to this share.
 BENT, FAR = 0.5, 0.06
 # Score from which detectors may be faulty: of one valid image of two hundred.
 DOUBTFUL = 2.576
-# Score up to which what is not clear has to fit: that of one image of fifty, or of a thousand by
-# several lamps, whose readings are enough to tell.
+# Score up to which a kind that is not clear must fit: that of one image of fifty, or of a thousand
+# by several lamps, which have enough readings for it.
 MENDED, MENDED_BY_SEVERAL = 2.054, UNUSUAL
 # And the same where light differs by more than its usual sizes, as anything nearly fits there.
 EVEN = 0.0
-# Share of the others that are lit where a row or column is hidden; else the pose may be why.
+# Share of the others that are lit where a row or column is hidden; else the pose may be the cause.
 MOSTLY_LIT = 0.75
 # Logarithm of the odds of a kind against a clear frame, by a linear step, from which it counts, and
 # from which it is fitted.
 LOG_CONSIDERED, LOG_LIKELY = math.log(0.002), math.log(0.2)
-CLEAR = 0.9  # probability beyond which an image counts as one that nothing shades
+CLEAR = 0.9  # probability beyond which an image counts as clear
 # Pitch, rad, beyond which a fit may have stopped at the steepest on its way to a steeper one.
 STEEP = STEEPEST - 0.03
 # Probability that a lamp is off or hidden, and chance of noise from which a dark one may be.
@@ -107,9 +107,9 @@ class Image(NamedTuple):
 
 
 class Hypothesis(NamedTuple):
-    """A kind of frame that may be behind an image, and its fit; by several lamps linear readings.
+    """A kind of frame that an image may be of, with its fit; by several lamps linear readings.
 
-    - log_chance: logarithm of the probability of what else is supposed, as that a lamp is dark.
+    - log_chance: logarithm of the probability of further assumptions, such as a dark lamp.
     """
 
     kind: FrameKind
@@ -169,7 +169,7 @@ class ImageFit:
         self.run(compiled)
 
     def run(self, compiled: bool) -> None:
-        """Run as Numba compiles it from the next image on, or as it stands.
+        """Run compiled by Numba from the next image on, or as plain Python.
 
         - ValueError: where it is to be compiled and Numba is not installed, or not for this NumPy.
         """
@@ -227,7 +227,7 @@ class ImageFit:
     def _hypotheses(
         self, image: Image, kinds: list[FrameKind], guide: Guide, faults: bool
     ) -> list[Hypothesis]:
-        """Return what may be behind an image, first that it is clear."""
+        """Return the hypotheses of an image, the clear one first."""
         problem = image.problem(kinds[0])
         dark = self._without_dark_lamp(image, kinds[0], problem, guide) if self._linear else None
         # Where a lamp is dark, no start with all of them may lead anywhere.
@@ -267,14 +267,14 @@ class ImageFit:
         return Hypothesis(kind, problem, frame, near)
 
     def _uneven(self, kind: FrameKind, problem: Problem, guide: Guide) -> Hypothesis:
-        """Fit an image as one that is not clear, which is to fit as well as most of these."""
+        """Fit an image as one that is not clear, which must fit as well as most of these."""
         found = self._hypothesis(kind, problem, guide)
         return found if self._fits(found) else found.refused
 
     def _beside(self, image: Image, kind: FrameKind, clear: Hypothesis) -> Hypothesis | None:
-        """Return an image as one of a kind near the fit of a clear frame, as far as that is likely.
+        """Return the hypothesis of a kind near the fit of a clear frame, if it is likely.
 
-        One linear step tells how likely it is, and is enough where that is not much.
+        One linear step gives its probability, and is enough where that is small.
         """
         problem, at = image.problem(kind), np.zeros(5 + len(kind.names))
         at[:5], at[5 + kind.shared] = clear.frame.coordinates, clear.frame.best[5:]
@@ -290,9 +290,9 @@ class ImageFit:
         return Hypothesis(kind, problem, frame, None)
 
     def _mended(self, image: Image, kind: FrameKind) -> list[Hypothesis]:
-        """Fit an image some of whose readings are anything, where few are and the others fit.
+        """Fit an image with faulty readings, if they are few and the others fit.
 
-        Where these are neighbours, all of their row or column may be.
+        If they are neighbours, all of their row or column may be faulty.
         """
         problem, lamps = image.problem(kind), self._model.scene.lamp_count
         most, readings = most_faulty(problem), problem.readings.copy()
@@ -367,7 +367,7 @@ class ImageFit:
             at = np.concatenate([main.frame.best, np.zeros(len(stds))])
             near = self.near(image.readings, at, image.roll, main.frame.weights)
             if len(stds) and clear > 0:
-                # A clear frame knows exactly what only many images tell, and that is not so.
+                # A clear frame takes as exact what only many images determine; it is not.
                 prior = self._pose_precision, main.problem.nuisance_precision
                 slopes = stds * near.pose_slopes(*prior, self._constants.gain_std)
                 covariance = covariance + clear * slopes @ slopes.T

@@ -1,8 +1,8 @@
-"""Whether residuals are those of an honest image: their sum of squares and its distribution.
+"""Whether residuals are those of a valid image: their sum of squares and its distribution.
 
 A reading inside the limits adds the square of a standard normal, one near a limit less, as what
-lies beyond is cut off; both have closed moments. The sum is taken for a scaled chi-square of the
-same mean and variance, less what the fit takes away.
+lies beyond is cut off; both have closed moments. The sum is approximated by a scaled chi-square of
+the same mean and variance, less what the fit removes.
 """
 
 from typing import Any

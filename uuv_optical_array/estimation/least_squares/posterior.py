@@ -1,21 +1,20 @@
 """What an image leaves possible: mean and covariance of the pose.
 
 Given the attitude, all else (the lamp's direction and attenuation, the scene's nuisances) is nearly
-Gaussian, however bent or broad the whole posterior is: an image tells it directly. So pitch and yaw
-are integrated on a lattice, and all else at each of its nodes by Laplace's approximation (nested as
-by H. Rue, S. Martino and N. Chopin, 2009, J. R. Stat. Soc. B 71, 319).
+Gaussian, however bent or broad the whole posterior is: an image determines it directly. So pitch
+and yaw are integrated on a lattice, and all else at each of its nodes by Laplace's approximation
+(nested as by H. Rue, S. Martino and N. Chopin, 2009, J. R. Stat. Soc. B 71, 319).
 
 The lattice is filled outwards from a minimum wherever the posterior is not negligible: over an
 ellipse, a banana, or the ring of attitudes that a planar array cannot tell apart. A spacing of 1.5
 standard deviations integrates a Gaussian to 1e-4, and its variance to half a percent.
 
-Where the posterior is nearly Gaussian in the attitude, too, nine nodes of Gauss and Hermite's rule
-tell so, and integrate it with a third of the nodes (M. Abramowitz and I. Stegun, *Handbook of
-Mathematical Functions*, 1964, 25.4.46). Where they tell that it is so across its widest direction
-alone, as by the beam of a lamp that dims evenly over a range of angles, that belongs to all else:
-the nodes are a row along the widest direction, which may bend. Laplace's approximation of the whole
-only serves to compare hypotheses: as a covariance it is overconfident by one lamp, most in bright
-light.
+If the posterior is nearly Gaussian in the attitude, too, nine nodes of the Gauss-Hermite rule show
+it, and integrate it with a third of the nodes (M. Abramowitz and I. Stegun, *Handbook of
+Mathematical Functions*, 1964, 25.4.46). If it is so only across its widest direction, as with a
+beam that dims evenly over a range of angles, that direction belongs to all else: the nodes are a
+row along the widest one, which may bend. Laplace's approximation of the whole only serves to
+compare hypotheses: as a covariance it is overconfident by one lamp, most in bright light.
 """
 
 import math
@@ -45,10 +44,10 @@ LONGEST = 0.5  # its step, rad: as far as a lattice of attitudes can step and st
 # Logarithm of the posterior over that of a Gaussian, up to which it is nearly one.
 NEARLY = 0.6
 ALONG, CORNERS = 2, 4  # of nine nodes: from where on they are along the widest axis, and in corners
-MINIMUM: Any = np.int64(0)  # the first node; of NumPy's kind, as Numba compiles anew for a literal
+MINIMUM: Any = np.int64(0)  # the first node; a NumPy integer, as Numba compiles again for literals
 LOG_2PI = math.log(2 * math.pi)
 COARSE = 1.8  # spacing in standard deviations anywhere that asks for a finer lattice
-WEIGHTY = 4.0  # below the largest weight's logarithm, down to where that is asked
+WEIGHTY = 4.0  # below the largest weight's logarithm, down to which that is required
 NEGLIGIBLE = 7.5  # below it, from where nodes are left out
 LEAST_NODES = 5  # below which there is no covariance
 MOST_NODES = 400
@@ -177,7 +176,7 @@ def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) 
     decrement = 0.0
     for i in range(rest):
         decrement += 0.5 * pull[i] * pull[i]
-    # Far from the mean the model of second order promises what is not there.
+    # Far from the mean the model of second order is not valid.
     lattice.logs[node] = log_weight + min(decrement, SETTLED)
     for a in range(2):
         slope = vectors[0, rest + a]
@@ -406,7 +405,7 @@ def by_nine_nodes(
             write_start(lattice, MINIMUM, u, v, start)
             write_start(lattice, MINIMUM, -u, -v, straight)
         if corner or sign < 0:
-            # All else bends as much as at the node that is alike.
+            # All else bends as much as at the node that corresponds.
             for k in range(size):
                 start[k] += lattice.ats[alike, k] - straight[k]
         write_node(problem, evaluate(problem, start), lattice, node)

@@ -35,16 +35,16 @@ from uuv_optical_array.forward.noise import ReadingNoise, reading_variance
 from uuv_optical_array.forward.optics import Optics, detect, write_light
 from uuv_optical_array.forward.prior import of_lamp
 
-MAX_STEP = 0.3  # in every coordinate: farther, the linear model is no guide
+MAX_STEP = 0.3  # in every coordinate: beyond it the linear model is not valid
 STEEPEST = np.pi / 3  # pitch of a vehicle, rad
-# Of NumPy's kind, as Numba compiles anew for each literal.
+# NumPy integers, as Numba compiles again for each literal.
 FEW_STEPS: Any = np.int64(12)
 MOST_STEPS: Any = np.int64(40)
 # Decrement from which the next step, a tenth of a standard deviation, arrives to second order.
 ARRIVED = 5e-3
 # Of `settle`: damping of the first step, and how many without gain it takes before it goes back.
 SLIGHT, UPHILL = 1e-6, 6
-UNUSUAL = 3.09  # a score that one honest image of a thousand exceeds
+UNUSUAL = 3.09  # a score that one valid image of a thousand exceeds
 LIT_SHARE = 0.02  # of the brightest reading, below which daylight may be all that a reading shows
 # Rows of the parts of a state.
 AT, GRADIENT, POSE, VOLUME_SLOPES, POSE_SLOPES, INFORMATION = 0, 1, 2, 3, 4, 9
@@ -278,7 +278,7 @@ def propose(problem: Problem, state: State, damping: float) -> tuple[Array, floa
     return there, decrement
 
 
-# Move coordinates, shape ``(p,)``, to where they are most probable nearby, and a step thither.
+# One step, and the whole way, from coordinates, ``(p,)``, to the nearest maximum of the posterior.
 step = stepper(evaluate, ARRIVED)
 refine = minimiser(evaluate, propose, ARRIVED, MOST_STEPS)
 
@@ -323,10 +323,10 @@ def light_at(problem: Problem, at: Array) -> Array:
 
 
 def misfit(problem: Problem, at: Array) -> float:
-    """Return the standard normal value that is as improbable as what an honest image leaves.
+    """Return the standard normal value that is as improbable as these residuals of a valid image.
 
-    A reading at a limit counts by how far the light is from where it would not be, and an unknown
-    by the square of its offset over its standard deviation.
+    A reading at a limit counts by how far the light is from where the reading would be inside, and
+    an unknown by the square of its offset over its standard deviation.
     """
     light, noise = light_at(problem, at), problem.noise
     readings, weights = problem.readings, problem.weights

@@ -93,9 +93,9 @@ def guide_of(model: ForwardModel, candidates: int, max_score: float) -> Guide:
 
 
 def drawn_poses(axes: list[Array]) -> Array:
-    """Return poses that fits may start from, by the axes of a grid; these are the same each time.
+    """Return poses that fits may start from, by the axes of a grid; the same at each call.
 
-    So an image has one answer.
+    So an image always has the same answer.
     """
     rng = np.random.default_rng(0)
 
@@ -104,7 +104,7 @@ def drawn_poses(axes: list[Array]) -> Array:
         return np.stack([rng.choice(axis, count) for axis in axes], axis=-1)
 
     poses = drawn(STARTS)
-    # Nearer than that the array saturates, and from afar no fit leads there.
+    # Nearer than that the array saturates, and no fit from far away leads there.
     near = drawn(NEAR_STARTS)
     near[:, :3] *= rng.uniform(NEAREST, 1, (len(near), 1))
     aside = drawn(NEAR_STARTS)
@@ -168,7 +168,7 @@ def least_of(values: Array, count: int) -> tuple[Any, Array]:
 
 
 def roots_of(readings: Array) -> Array:
-    """Return square roots of readings, whose noise is as large for all; 0 below darkness."""
+    """Return square roots of readings, whose noise is the same for all; 0 below darkness."""
     roots = readings.copy()
     for j in range(len(roots)):
         roots[j] = np.sqrt(max(roots[j], 0.0))

@@ -1,8 +1,8 @@
-"""A large array seen through few of its detectors, by which a fit of all begins.
+"""A large array seen through few of its detectors, with which a fit of all begins.
 
-How long the way to a minimum is hardly depends on the number of readings, but each step takes as
-long as there are. So it is gone by every k-th detector of a large array, in its rows and columns,
-and only the end by all.
+The number of steps to a minimum hardly depends on the number of readings, but the time of a step is
+proportional to it. So the first steps use every k-th detector of a large array, in its rows and
+columns, and only the last ones use all.
 """
 
 from typing import Any

@@ -24,7 +24,7 @@ from uuv_optical_array.forward.lamp.lamps import together
 from uuv_optical_array.forward.scene import Scene, SignatureSettings
 
 FEATURE_NAMES = ("peak", "column", "row", "skewness_horizontal", "skewness_vertical")
-LEAST = 1e-300  # scale of values that are next to nothing
+LEAST = 1e-300  # scale of values that are practically 0
 # Readings that differ by no more than this share are equally bright: in images of a model, which
 # rounding makes differ in NumPy by another part than in compiled code.
 TIE = 1e-12
@@ -33,7 +33,7 @@ Peak = Literal["detector", "subdetector"]
 
 @dataclass(frozen=True)
 class FeatureSettings:
-    """What is no image of the lamp; parameters of the feature node."""
+    """Which images show no lamp; parameters of the feature node."""
 
     min_peak_counts: Annotated[
         float, Quantity("peak below which an image has no light", "counts", 0, 65535)
@@ -272,8 +272,8 @@ def scene_parameters(images: Array, scene: Scene) -> Array:
 def no_pattern(image: Array, min_peak_counts: float) -> str | None:
     """Say why an image carries no pattern to match, or ``None`` where it does.
 
-    That all readings are at full scale says that the lamp is near, the sun shines in, or the array
-    is broken. A pose as wide as that is no guide near a leader, and without one the follower stops.
+    If all readings are at full scale, the lamp is near, the sun shines in, or the array is broken.
+    So uncertain a pose is useless near a leader, and without one the follower stops.
     """
     brightest, darkest = float(image.max()), float(image.min())
     if not math.isfinite(brightest):

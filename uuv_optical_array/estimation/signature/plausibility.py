@@ -20,7 +20,7 @@ from uuv_optical_array.forward.noise import reading_variance
 from uuv_optical_array.forward.scene import Scene
 
 ROUNDING = 1e-6  # relative: ten times that of a float32, in which features may have been passed on
-FROZEN = 1e-9  # chance of honest frames to repeat, below which they do not
+FROZEN = 1e-9  # probability that valid frames repeat, below which a repeated one is frozen
 REMEMBERED = 32  # frames: a driver that hangs may send its last buffer again and again
 
 
@@ -107,7 +107,7 @@ class FrozenFrames:
             )
 
     def log_chance(self, readings: Array) -> float:
-        """Return the logarithm of the chance that honest readings repeat, at most."""
+        """Return the logarithm of the largest probability that valid readings repeat."""
         noise = self._model.analogue_noise
         variance = reading_variance(readings, noise)
         chances = np.minimum(1.0, 0.5 / np.sqrt(math.pi * variance))

@@ -25,7 +25,7 @@ def unit_vectors(vectors: ArrayLike) -> Array:
         raise ValueError("spectral angle: a vector is zero and has no angle; drop it")
     with np.errstate(under="ignore"):
         if largest.size and not (largest.min() > SMALL and largest.max() < 1 / SMALL):
-            # Near one first, lest squares overflow or underflow; a power of two rounds nothing.
+            # Scaled to about one, or squares might overflow; a power of two rounds nothing.
             own = np.ldexp(own, -np.frexp(largest)[1])
         return own / np.sqrt(np.add.reduce(own * own, axis=-1, keepdims=True))
 

@@ -1,25 +1,25 @@
-"""What a track believes: one Gaussian of pose, rate and all that frames have in common, the biases.
+"""The belief of a track: one Gaussian of pose, rate and all that frames have in common, the biases.
 
 The biases are
 
 - the errors of the scene's unknown constants and the gain errors of the detectors, which hold for
   an hour;
-- as large an error of each reading that holds for a second: what beam, response and converter are
-  not, seen from one place;
+- an error of each reading, as large, that holds for a second: errors of beam, response and
+  converter as seen from one place;
 - the error that ranges from elsewhere have in common.
 
 All are Ornstein-Uhlenbeck processes in standard deviations of their prior, to which they return
-where nothing is seen of them. So the errors of linear images are forgotten, too.
+while unobserved. So errors of linearisation are forgotten, too.
 
-Readings teach the biases only what holds whatever the pose (the projection on the null space of
-A. Mourikis and S. Roumeliotis, *IEEE ICRA* 2007), and then correct the pose for given uncertain
-biases (S. F. Schmidt, *Advances in Control Systems* 3, 1966). What they say of pose and biases
-together would teach the errors of the motion's model and of linear images, in each frame the same.
+Readings correct the biases only by what is independent of the pose (the projection on the null
+space of A. Mourikis and S. Roumeliotis, *IEEE ICRA* 2007), and then correct the pose for given
+uncertain biases (S. F. Schmidt, *Advances in Control Systems* 3, 1966). What depends on both would
+teach errors of the motion's model and of linearisation, which are the same in each frame.
 
-Readings teach once in `PLACE_S`, by the mean of the frames since then. What noise does to a frame
-is in the pose at which the next ones are linearised, too, and what both have in common would add up
-to a wrong range at a place where nothing is to be learnt (G. Huang, A. Mourikis and S. Roumeliotis,
-*Int. J. Robotics Research* 29, 2010, on what linearising makes a filter believe).
+Biases are corrected once in `PLACE_S`, by the mean of the frames since then. The noise of a frame
+is also in the pose at which the next ones are linearised, and this correlation would add up to a
+wrong range at a place where nothing can be learnt (G. Huang, A. Mourikis and S. Roumeliotis, *Int.
+J. Robotics Research* 29, 2010, on the overconfidence by linearising).
 """
 
 import math
@@ -135,7 +135,7 @@ class BiasSpace:
     def whitened(self, readings: LinearisedReadings, slopes: Array) -> Array:
         """Return slopes and residuals in units of their noise, of one frame or of many.
 
-        What shades of the scene leave in frames that pass for clear counts as noise.
+        What shades of the scene leave in frames that count as clear is noise.
 
         - slopes: by pose and constants, in any coordinates, shape ``(..., n, 5 + q)``.
         - returned: slopes by the pose and by what is learnt, residuals last, shape
@@ -176,7 +176,7 @@ class Weight(NamedTuple):
     """How an observation is weighed by a belief.
 
     - distance: Mahalanobis distance of the innovation.
-    - cost: twice the negative log-likelihood of the innovation, but for a constant.
+    - cost: twice the negative log-likelihood of the innovation, up to a constant.
     - shift: what it adds to the mean of pose, rate and biases, shape ``(10 + k,)``.
     """
 
@@ -204,7 +204,7 @@ def weigh(covariance: Array, observation: Observation) -> Weight:
 
 
 def correct(belief: Belief, observation: Observation, teach: bool = True) -> Belief:
-    """Return a belief after Kalman's update by an observation, or Schmidt's if it is not to teach.
+    """Return a belief after Kalman's update by an observation, or Schmidt's, which keeps biases.
 
     Kalman's is ``x + K (y - H x)``, ``P - K H P`` with the gain ``K = P H' (H P H' + I)^-1``. In
     Schmidt's the gain of the biases is 0.

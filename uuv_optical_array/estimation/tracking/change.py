@@ -1,20 +1,20 @@
-"""What changed at once, told by the last frames together and by how vehicles move.
+"""What changed suddenly, found by the last frames together and by how vehicles move.
 
-With a free pose a dimmer lamp passes for a longer range, and what is left for something else. But
-vehicles do not jump: over the last frames the pose is the follower's own motion and a rate that
-walks at random, and biases are one draw of their prior. Readings y, linear in both, are Gaussian
+With a free pose a dimmer lamp looks like a longer range, and the rest like something else. But
+vehicles do not jump: over the last frames the pose follows the follower's own motion and a random
+walk of the rate, and biases are one draw of their prior. Readings y, linear in both, are Gaussian
 with a covariance S. An error of N(0, s^2) that began with one of the frames, with slopes d from
 there on, makes them likelier by ``exp(s^2 n^2 / (1 + s^2 i) / 2) / sqrt(1 + s^2 i)``, where
 ``i = d' S^-1 d`` and ``n = d' S^-1 y``, and is expected to be ``s^2 n / (1 + s^2 i)``. Of all, the
 likeliest by the prior probability of its kind is what changed (A. S. Willsky and H. L. Jones, 1976,
 IEEE Trans. Automatic Control 21, 108).
 
-All frames are linearised on one smooth way, at the scene's constants: the track's own place jumps
-with the change, and the light's curvature over that jump is as large as what tells lamp and water
-apart. The way is straight but for the own motion. Sizes are of the first order.
+All frames are linearised on one smooth path, at the scene's constants: the track itself jumps with
+the change, and the light's curvature over that jump is as large as the difference between lamp and
+water. The path is straight but for the own motion. Sizes are of the first order.
 
-Absorption and scattering take nearly the same light while the range hardly changes, as within
-seconds, and little of it as a dimmer lamp does: the more frequent change is named.
+Absorption and scattering dim the light almost alike while the range hardly changes, as within
+seconds, and almost as a dimmer lamp does: the more frequent change is named.
 """
 
 from collections import deque
@@ -48,7 +48,7 @@ class Change(NamedTuple):
 
 
 class Changes:
-    """Keeps the last frames of a track, to tell what changed in them.
+    """Keeps the last frames of a track, to find what changed in them.
 
     - space: of the biases.
     - walk: standard deviations of the change of the rate in 1 s, m/s and rad/s, shape ``(5,)``.

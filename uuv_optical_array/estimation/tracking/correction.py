@@ -2,17 +2,17 @@
 
 Readings are applied in coordinates in which images stay linear (`joint_coordinates`), and are
 linearised once more on the way from the predicted pose to the corrected one (`RELINEARISE_AT`).
-Slopes at its end have the noise of the readings that they weigh, those at its beginning leave out
-the curvature of the light: either biases what is learnt, the same in each frame. That way is the
-one of the five numbers that depend on the pose. It begins where the image's own fit has them, or
-where the track expects them of an image that is not linear about its fit.
+Slopes at its end contain the noise of the readings that they weight, those at its beginning lack
+the curvature of the light: either biases what is learnt, the same in each frame. This is the way of
+the five numbers that depend on the pose. It begins at the image's own fit, or, for an image that is
+not linear about its fit, where the track expects them.
 
-What readings say of the biases alone has to be what these let expect. An image that is not of the
-scene, as that of two lamps, may well agree with the pose, and would teach what hours do not undo:
-it changes nothing.
+What readings say of the biases alone must agree with the biases. An image that is not of the scene,
+such as one of two lamps, may agree with the pose, and would teach errors that last for hours: it
+changes nothing.
 
 A pose without readings is an observation of the pose itself. Its errors are noise, but for a share
-that all frames have in common, which stays out of the belief; those of uneven light count for less.
+that all frames have in common, which stays out of the belief; poses in uneven light weigh less.
 """
 
 import math
@@ -45,11 +45,11 @@ from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordin
 # Where constants are not known, what makes poses without readings broad is mostly the constants and
 # the shape of their posterior, not noise, and that is the same in all frames.
 BROAD_SHARE = 0.75
-# Poses of unevenly lit frames err alike: they count as one in so long a time, s. Where the scene
-# does not name what shades them it may be anything, and their variance counts so many times.
+# Errors of poses in uneven light are correlated: these count as one in this time, s. Where the
+# scene does not name what shades them, their variance is multiplied by this factor.
 UNEVEN_S, UNNAMED_DOUBT = 0.7, 7.0
-# Chance that the scene leaves what readings say of the biases. That light is not linear and that
-# detectors of a block differ leave distances a tenth longer than those of a chance of 1e-4.
+# Significance level of what readings say of the biases. Light that is not linear and differences
+# within a block of detectors make distances a tenth longer than those of the level 1e-4.
 UNLIKE = 1e-9
 # Place of the second linearisation, as a share of the correction: there the biases by noise and by
 # curvature are least in drives of 20 minutes through seas drawn from the prior.
@@ -79,7 +79,7 @@ class Deferred:
 class Corrected(NamedTuple):
     """A belief corrected by a frame, and distance and cost of the frame as `weigh` returns them.
 
-    Few frames are asked for their cost, which takes all that their readings say.
+    The cost is computed for few frames only, as it needs all of their readings.
     """
 
     belief: Deferred
@@ -168,7 +168,7 @@ class Correction:
     ) -> Corrected:
         """Weigh a frame by its readings; the belief that they correct is left for later.
 
-        One that `begins` a track is believed, as its fit was.
+        One that `begins` a track is accepted, as its fit was.
         """
         before, coordinates = self._straight(belief), self._coordinates
         expected, constants = before.mean[POSE], self._space.offsets(belief)
@@ -180,7 +180,7 @@ class Correction:
             return self._stacked(readings, slopes, off, before)
 
         whole = stacked(readings)
-        # Of all readings this alone depends on the pose, and the gate is to wait for no more.
+        # Only this part of the readings depends on the pose, and the gate needs no more.
         of_pose = self._observation(orthonormal(whole[:, :5]).T @ whole)
         distance, _, shift = weigh(before.covariance, of_pose)
 
@@ -234,7 +234,7 @@ class Correction:
         return Observation(turned[:, -1], turned[:, :-1] @ self._space.by_state)
 
     def _explained(self, belief: Belief, turned: Observation) -> bool:
-        """Say whether biases let expect what readings say of them, whatever the pose."""
+        """Say whether readings agree with the biases, whatever the pose."""
         others = slice(5, 5 + self._space.learnt)
         of_biases = Observation(turned.innovation[others], turned.slopes[others])
         count = len(of_biases.innovation)

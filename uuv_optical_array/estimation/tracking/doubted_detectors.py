@@ -1,9 +1,9 @@
-"""Detectors that lately read something else than the light.
+"""Detectors that recently read something other than the light.
 
-Dirt, the hull's shadow or a dead detector last, and from afar an image by itself does not always
-tell them. What it takes for light then is off in the same way in many images, and a track becomes
-sure of it. So a detector that one image did not believe is hardly believed by the track for long:
-by our choice a doubt fades in the alarm's window.
+Dirt, the hull's shadow or a dead detector last, and far from the lamp a single image does not
+always show them. Their readings are then off in the same way in many images, and a track becomes
+sure of it. So a detector that one image rejected has little weight in the track for a while: by our
+choice that fades in the alarm's window.
 """
 
 import numpy as np

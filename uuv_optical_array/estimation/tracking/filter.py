@@ -3,19 +3,19 @@
 - **Predict** (R. E. Kalman, *J. Basic Engineering* 82, 1960, 35): pose += step * rate, plus the
   commanded way; the rate walks at random, and the biases drift (`motion`, `belief`).
 - **Correct** by the readings of the frame, or without any by its pose (`correction`).
-- **Tell what happened.** Now and then the rate or the constants change at once. A frame that the
+- **Tell what happened.** Now and then the rate or the constants change suddenly. A frame that the
   usual motion hardly explains is also tried as the first after a manoeuvre, and after a jump that
   makes the constants the prior's again. The likeliest by the density of the innovation times the
   prior probability of the event is taken (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation
   with Applications to Tracking and Navigation*, 2001, ch. 11). If no event explains it while the
-  commands are obeyed, they are taken not to be.
+  commands are obeyed, they count as not obeyed.
 - A frame whose Mahalanobis distance is beyond the gate in any case is an **outlier**. The last of
-  so many in a row begins the track anew, which then knows nothing of the constants. So does the
-  frame after as many whose readings agree with the pose, and not with what is known of the biases.
+  so many in a row restarts the track, which then knows nothing of the constants. So does the frame
+  after as many whose readings agree with the pose but not with the biases.
 
 Poses without readings do not say which part of their errors the constants make. So a track that
-began with readings leaves them out, unless uneven light is why there are none; one of poses begins
-anew with the first readings.
+began with readings leaves them out, unless uneven light is the cause; a track of poses restarts
+with the first readings.
 """
 
 import math
@@ -49,8 +49,8 @@ from uuv_optical_array.estimation.unknowns.constants import Constants
 POSE_STD = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of an unknown pose
 # A manoeuvre changes the rate by so much from one frame to the next, m/s and rad/s.
 MANOEUVRE_STD = np.array([0.2, 0.2, 0.2, 0.3, 0.3])
-# What happens from a frame to the next, and in which share of frames; constants jump as where a
-# lamp is switched down.
+# Events from a frame to the next, and their share of frames; constants jump, for example, when a
+# lamp is dimmed.
 Event = Literal["usual", "manoeuvre", "jump"]
 SHARES: dict[Event, float] = {"usual": 1.0, "manoeuvre": 1e-2, "jump": 1e-4}
 
@@ -136,10 +136,10 @@ class FrameFilter:
         return replace(state, newest=frame, outliers=outliers, outlier=fused.distance)
 
     def common_covariance(self, state: State) -> Array:
-        """Return the covariance of what a frame's pose errs as all frames do, ``(5, 5)``.
+        """Return the covariance of a pose's error that all frames have in common, ``(5, 5)``.
 
-        That is not in the belief, as no number of frames averages it out; 0 for one by readings, or
-        that a track of readings leaves out.
+        That is not in the belief, as no number of frames averages it out; 0 for a frame with
+        readings, or one that a track of readings leaves out.
         """
         frame = state.frame
         if state.by_readings and not frame.uneven:

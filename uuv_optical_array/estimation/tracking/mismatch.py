@@ -1,4 +1,4 @@
-"""What differs from the scene for long, by what many frames leave together.
+"""Lasting differences from the scene, found in the residuals of many frames together.
 
 An error of one frame is lost in its noise; one that lasts is in all frames. Each frame is linear in
 its pose, which is free, and in lasting errors: of constants and gains, as large as the prior says,
@@ -10,10 +10,10 @@ chi-square of all tell if it is not, and the largest what explains it best.
 
 Of large arrays some detectors are tested, as many as gains are learnt by blocks (`belief`).
 
-What changed at once just before is told apart by the motion (`change`), and named instead. Frames
-that are lit unevenly are not summed; if most are, that is said.
+A sudden change just before is recognised by the motion (`change`), and named instead. Frames that
+are lit unevenly are not summed; if most are, this is reported.
 
-A scene that names shades is not tested: frames that pass for clear may be shaded, alike for long.
+A scene that names shades is not tested: frames that count as clear may be shaded alike for long.
 """
 
 import math
@@ -32,12 +32,12 @@ from uuv_optical_array.forward.prior import OWN_POWER, POWER, shade_modes
 
 # Frames of a window are tested together with those of the one before, so often.
 WINDOW_S, CHECK_S = 30.0, 2.0
-CHANCE = 1e-5  # that frames of the scene are taken for others, at each test
+CHANCE = 1e-5  # probability of a false alarm, at each test
 # The light is uneven where that share of the time with frames is, that fades as long as a window,
 # or of 3 s or more since the first frame.
 MOST, LEAST = 2 / 3, 1 - math.exp(-3 / WINDOW_S)
-# Of changes at once: their standard deviation in those of the prior; how often others than lamps
-# change, all detectors as often as one constant.
+# Of sudden changes: their standard deviation in those of the prior; how often others than lamps
+# change, all detectors together as often as one constant.
 SUDDEN, RARELY = 10.0, 0.02
 LEAST_GAIN = 1e-3  # error of a detector that linearising may leave
 NEGLIGIBLE = 1e-9  # of the largest information, below which rounding is all there is
@@ -46,10 +46,10 @@ MOSTLY_UNEVEN = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s, or since t
 
 
 class Alarm:
-    """Tells what differs from the scene.
+    """Finds what differs from the scene.
 
-    - changes: tell what changed at once, where that is why what is found; None: nothing does.
-    - said: what would explain the frames best; empty while the scene does.
+    - changes: find a sudden change, where that is the cause; ``None``: nothing does.
+    - said: what would explain the frames best; empty while the scene explains them.
     """
 
     def __init__(self, constants: Constants, changes: Changes | None = None) -> None:
@@ -121,7 +121,7 @@ class Alarm:
         """Add the information and the score of a frame whose pose is free; test now and then."""
         since_s = (stamp_ns - self._start_ns) * 1e-9
         if not 0 <= since_s <= WINDOW_S:
-            self._off = ""  # a whole window told of nothing
+            self._off = ""  # a whole window found nothing
             self._begin(stamp_ns, since_s)
             since_s = 0.0
         residuals, slopes, light, variances = (part[self._chosen] for part in readings[1:])
@@ -146,7 +146,7 @@ class Alarm:
                 self._begin(stamp_ns)  # so that it ends a window after what it tells
 
     def _found(self) -> str:
-        """Return what the frames have in common that the prior hardly lets expect."""
+        """Return what the frames have in common that is improbable under the prior."""
         both = self._before + self._sum
         information, score = both[:, :-1], both[:, -1]
         spread = information + information[:, :-1] @ information[:-1]
@@ -170,7 +170,7 @@ class Alarm:
         return f"{what} (chance {chance:.0e})"
 
     def _changed(self) -> str:
-        """Return what changed at once, where that is as certain."""
+        """Return the sudden change, where it is as certain."""
         best = None
         if self._changes:
             best = self._changes.likeliest(self._directions, SUDDEN, self._odds)

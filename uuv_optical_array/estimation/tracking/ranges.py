@@ -1,12 +1,12 @@
 """A track corrected by a range from elsewhere, such as an acoustic modem's.
 
 The range is the distance between the lamp and the follower's ``base_link``: the length of the
-pose's position. Of images alone it is uncertain by what their constants leave, such as the power of
-the lamp, which ranges teach.
+pose's position. By images alone it is uncertain because of their constants, such as the power of
+the lamp, which ranges help to learn.
 
 Ranges share errors, such as that of a delay or of the speed of sound, which no number of them
-averages out: half of their variance is one error of all (a bias of `belief`). The rest is alike in
-ranges that follow each other closely, and a range counts by the time since the last one.
+averages out: half of their variance is one error of all (a bias of `belief`). The rest is
+correlated between ranges in quick succession: one counts by the time since the last.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""What to change in a scene when the sea turns out to be another."""
+"""What to change in a scene when the sea turns out to differ from it."""
 
 import math
 from collections.abc import Mapping
@@ -13,12 +13,12 @@ from uuv_optical_array.forward.prior import GRADIENTS, LOGARITHMS, POWER, RESPON
 from uuv_optical_array.forward.scene import GROUPS
 
 BEYOND = 3.0  # standard deviations of its prior by which a constant is off
-SURE = 6.0  # or more than one, where it is so many of what is known of it by now
+SURE = 6.0  # or more than one, where it is this many of its present standard deviations
 LEAST_CHANGE = 5e-3  # of the reference reading, which a scene gives no closer
 
 
 class SceneChange(NamedTuple):
-    """A line of the scene to write anew.
+    """A line of the scene to change.
 
     - key: dotted key of the scene.
     - value: to write there, in the unit of the key.

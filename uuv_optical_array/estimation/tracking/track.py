@@ -40,7 +40,7 @@ class RangeUse(NamedTuple):
     """What a track made of a range.
 
     - stamp_ns: of the range, ns.
-    - off_m: by how much it was longer than the track had it, m.
+    - off_m: by how much it was longer than that of the track, m.
     - std_m: standard deviation to expect of that, m.
     - refused: how many in a row were beyond the gate, up to this one; 0 where it was used.
     """
@@ -66,7 +66,7 @@ class Track:
     joint_covariance
         Of `pose` and `rate`, shape ``(10, 10)``, positive definite.
     frames
-        How many are in the track; 1 where it starts anew, with the pose as measured.
+        How many are in the track; 1 where it restarts, with the pose as measured.
     distance
         Mahalanobis distance of the newest frame from its prediction, >= 0.
     constants

@@ -196,8 +196,8 @@ class Tracker:
     def uneven(self, stamp_ns: int) -> float:
         """Return how likely the image of a stamp, ns, is lit unevenly, by the newest of the track.
 
-        That is all that a track tells of an image: constants that it learnt may no longer hold, and
-        poses of single images are not to err as the track does.
+        A track says nothing else of an image: constants that it learnt may no longer hold, and
+        poses of single images must not share the track's errors.
         """
         c, state = self._constants, self._history[-1] if self._history else self._previous
         if state is None or not c.unclear_lasts_s:

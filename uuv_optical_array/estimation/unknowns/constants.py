@@ -10,7 +10,7 @@ from uuv_optical_array.estimation.unknowns.coordinates import CoordinateFrame, f
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import shade_modes
 
-REST_OF_SHADE = 0.02  # by which a shade of the scene may still dim frames that pass for clear
+REST_OF_SHADE = 0.02  # by which a shade of the scene may still dim frames that count as clear
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Constants:
 
     @property
     def shade_rest(self) -> Array:
-        """How shades dim readings of frames that pass for clear, shape ``(lamps * detectors, 5)``.
+        """How shades dim readings of frames that count as clear, shape ``(lamps * detectors, 5)``.
 
         A share of the light by each smooth mode; shape ``(lamps * detectors, 0)`` without shades.
         """

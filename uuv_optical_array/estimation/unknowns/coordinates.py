@@ -5,13 +5,13 @@ than the bend: the array knows where it sees the lamp, and how bright, much bett
 beam it floats. So the coordinates are the lamp's azimuth and elevation from the array's centre,
 pitch, yaw and the attenuation ``ln r + K r / 2 + eta^2 / (4 sigma^2)``, half the logarithm of what
 distance, water and beam take from the light there. In them an image is nearly quadratic: fits
-arrive in few steps, and a Gaussian describes what they know. A beam of three Gaussians takes from
-the logarithm of the light what it does in the table's middle, and sigma is where that is 1/2.
+converge in few steps, and a Gaussian is their posterior. A beam of three Gaussians takes from the
+logarithm of the light what it does in the table's middle, and sigma is where that is 1/2.
 
-A planar array cannot tell where the lamp stands from how it shines. It sees how the light falls off
-across it: near the axis ``s (a - b) + 3 a`` in units of the range, with the azimuths a of the lamp
-and b of the beam's source direction and ``s = 1 / sigma^2``. So its azimuth is
-``a - b s / (s + 3)``, its elevation likewise, and its attenuation includes Lambert's cosine.
+A planar array cannot separate the direction to the lamp from that of its beam. It sees how the
+light falls off across it: near the axis ``s (a - b) + 3 a`` in units of the range, with the
+azimuths a of the lamp and b of the beam's source direction and ``s = 1 / sigma^2``. So its azimuth
+is ``a - b s / (s + 3)``, its elevation likewise, and its attenuation includes Lambert's cosine.
 
 All functions take numbers, or components of many poses at once.
 """

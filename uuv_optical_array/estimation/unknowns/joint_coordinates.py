@@ -1,8 +1,8 @@
 """Coordinates of pose and constants together in which many images stay linear.
 
-Range, the lamp's power, the water and the beam's width all read as brightness, which is what an
-image knows: of range and constants together it leaves a narrow, bent valley. A filter that corrects
-them in metres takes the bend for knowledge, a little in every frame, and becomes sure of a wrong
+Range, the lamp's power, the water and the beam's width all change the brightness, which an image
+determines: it leaves a narrow, bent valley of range and constants. A filter that corrects them in
+metres mistakes the bend for information, a little in every frame, and becomes sure of a wrong
 scene. In the fit's coordinates (`coordinates`), with the constants in the attenuation,
 ``ln r + K r / 2 + eta^2 / (4 sigma^2) - ln(P) / 2``, the valley is straight: an image fixes this
 number and next to nothing else of the constants.
@@ -31,7 +31,7 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
 from uuv_optical_array.forward.lamp.lamps import DEGREE
 from uuv_optical_array.forward.prior import ABSORPTION, ATTENUATION, BEAM_SIGMA, POWER, SCATTERING
 
-LEAST_WIDTH = 0.1  # of the beam, of that in the scene: below it no constant makes it
+LEAST_WIDTH = 0.1  # of the beam, relative to the scene's: no constant makes it narrower
 
 
 class Joint(NamedTuple):
@@ -95,7 +95,7 @@ def write_place(joint: Joint, coordinates: Any, at: Any, slopes: Any) -> None:
         at[i] = pose[i]
         for q in range(5):
             slopes[i, q] = by_pose[i, q]
-        # Where a constant grows and the brightness stays, the range gives way.
+        # If a constant grows and the brightness stays, the range changes.
         gives_way = -by_pose[i, LOG_ATTENUATION]
         if joint.power >= 0:
             slopes[i, joint.power] = -0.5 * gives_way

@@ -29,7 +29,7 @@ follow: $(INSTALLED)  ## let one vehicle follow another; options by ARGS='...'
 view: $(INSTALLED)  ## watch a follow in the browser; options by ARGS='...'
 	@$(BIN)/uuv_array view $(ARGS)
 
-tradeoff: $(INSTALLED)  ## measure and draw what accuracy costs in time; options by ARGS='...'
+tradeoff: $(INSTALLED)  ## measure and draw accuracy against computing time; options by ARGS='...'
 	@$(BIN)/uuv_array study tradeoff $(ARGS)
 
 # A process for each core, and in each of them one thread for algebra.

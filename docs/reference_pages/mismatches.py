@@ -33,12 +33,13 @@ def troubles() -> list[str]:
     """Return the page of the kinds of trouble, by group."""
     parts = [
         "# Kinds of trouble",
-        "What befalls a follower in `uuv_array study envelope` "
-        "([results](../results/envelope.md)). The estimator is not told. The leader sets off once "
-        "all followers are locked, and where nothing else is said goes at 0.5 m/s: straight on in "
-        "the groups Darkness and Leader and in a chain, else on the demonstration's path. From "
-        "then on the trouble begins after 15 s, or after 20 s where ours goes out beside another "
-        "lamp. Wrong detectors, currents, speeds and equal lamps aside are there from the start.",
+        "The troubles of a follower in `uuv_array study envelope` "
+        "([results](../results/envelope.md)). The estimator does not know of them. The leader sets "
+        "off once all followers are locked. Unless stated otherwise it moves at 0.5 m/s: straight "
+        "on in the groups Darkness and Leader and in a chain, else on the demonstration's path. "
+        "The trouble begins 15 s later, or 20 s later where the leader's lamp goes out beside "
+        "another one. Wrong detectors, currents, speeds and equal lamps aside are there from the "
+        "start.",
     ]
     for group in dict.fromkeys(kind.group for kind in TROUBLES):
         named = {f"`{kind.name}`": kind.what for kind in TROUBLES if kind.group == group}

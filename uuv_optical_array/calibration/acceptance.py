@@ -25,8 +25,8 @@ MAX_MISFIT = 1e-3  # and that sound light is called unexplained; a fit to exchan
 MAX_NOISE, MAX_LEVEL, MAX_FLICKER = 2.0, 0.02, 0.01  # times the scene's; of full scale; relative
 SPREAD, ROLLED_DEG = 0.05, 5.0  # of the gains before a calibration, and of what hands hold
 MAX_OFF, MAX_TURN = 0.1, np.radians(10.0)  # of the range, and of a lamp that was placed by hand
-# Ratio of the range that is seen and that is told. Light falls by its square, so that a lamp may
-# differ from the scene's by a factor of 1.4: twice what is expected of a rig as bought.
+# Ratio of the range that the light shows and the given one. Light falls by its square, so that a
+# lamp may differ from the scene's by a factor of 1.4: twice what is expected of a rig as bought.
 MAX_RANGE_RATIO = 1.4**0.5
 MAX_PEDESTAL = 0.5  # by how much darkness may differ from the scene's pedestal, relative
 MAX_ROLL_DEG = 20.0  # of several lamps that hands hold level

@@ -61,7 +61,7 @@ def calibrate(
     - poses, rolls: of the follower in ``beacon``, m and rad, ``(m, 5)`` and broadcast to ``(m,)``.
     - hold: parameters that keep the values of the scene: of `parameters.Layout`, or ``gains``.
     - pose_std: standard deviation of each pose, m and rad, shape ``(5,)`` or ``(m, 5)``, > 0;
-      ``None``: exact; from `UNKNOWN_STD` on not known, where the pose is a start of the fit. To
+      ``None``: exact; from `UNKNOWN_STD` on unknown, so that the pose is a start of the fit. With
       several lamps, which show it, the roll is known as well as the pitch.
     - fit_noise: whether ``sensor_noise`` is fitted to the residuals too.
     - on_step: called at every step, to show progress.

@@ -16,7 +16,7 @@ from uuv_optical_array.recording.images import Recording
 ROUNDS = 8  # of fits at the offset that the one before found
 SETTLED = 0.1  # of its standard error: a step that is the last
 SETTLED_S = 1e-5
-SURE, LEAST_S = 3.0, 1e-3  # standard errors, and s, from where an offset is believed
+SURE, LEAST_S = 3.0, 1e-3  # standard errors, and s, from which an offset is accepted
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Clock:
 def synchronised(
     recording: Recording, fit: Callable[[Recording], Calibration]
 ) -> tuple[Recording, Calibration, Clock]:
-    """Fit a recording, whose poses can be told at other times, with the offset of its clocks.
+    """Fit a recording, whose poses are known at other times, with the offset of its clocks.
 
     `fit` takes a recording with `Recording.rates` and returns its calibration, which has `clock`.
     An offset that is not certain leaves recording and calibration as they are.

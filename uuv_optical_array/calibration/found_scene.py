@@ -1,4 +1,4 @@
-"""The scene that a calibration found, and what is told of it as a whole."""
+"""The scene that a calibration found, and what is reported of it as a whole."""
 
 import numpy as np
 from scipy.special import logsumexp, softmax
@@ -25,7 +25,7 @@ from uuv_optical_array.calibration.likelihood.parameters import (
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.scene import Scene, scene_from_settings, without_meaning
 
-LEAST_LIGHT = 1e-100  # at the reference, where a fit has gone astray
+LEAST_LIGHT = 1e-100  # at the reference, where a fit has diverged
 
 
 def as_a_whole(

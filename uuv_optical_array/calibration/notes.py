@@ -39,9 +39,9 @@ RANGE_FACTOR = 2.0  # between the ranges that separate attenuation from power
 BEAM_SIGMAS = 2.0  # off the beam's axis, from where readings determine its width
 NONE_AT_LOWEST = K, SCATTER, BACKGROUND, WIDE, LAMP_FLOOR  # which may be 0
 MANY_OUTLIERS = 0.05  # share of the readings from which something else is wrong
-LEAST_AIM, SURE = 0.002, 3.0  # rad, and standard errors, off a frame, from where it is told
+LEAST_AIM, SURE = 0.002, 3.0  # rad, and standard errors, off a frame, from which it is reported
 LITTLE, HARDLY = 0.8, "hardly by the images"  # of the error of a tape
-MOVED_M = 0.1  # of the place that a tape tells
+MOVED_M = 0.1  # of the place that a tape gives
 MORE = "record more images, with a brighter lamp, while you weave and turn"
 
 
@@ -134,7 +134,7 @@ def _at_bound(fit: CalibrationFit) -> str:
 def notes_of(scene: Scene, fit: CalibrationFit, little: Collection[int]) -> tuple[str, ...]:
     """Return the notes of a fit, a line each.
 
-    `scene` has the noise that the fit assumed; of the places `little` the images tell little.
+    `scene` has the noise that the fit assumed; images hardly improve the places `little`.
     """
     told = _dead_detectors(fit), _undetermined(fit), _aim(fit), _residuals(scene, fit)
     notes = [note for group in told for note in group]

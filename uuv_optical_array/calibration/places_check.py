@@ -1,8 +1,8 @@
-"""In which way measured places are wrong, by what the light alone tells of them.
+"""In which way measured places are wrong, by what the light alone says of them.
 
 A wrong place looks like another array or another lamp. So where a calibration is refused, the poses
-of its images are estimated in the scene that it started from, and compared with the places told.
-Where it is not, all places may still be off alike.
+of its images are estimated in the scene that it started from, and compared with the given places.
+Where it is not refused, all places may still be off alike.
 """
 
 import copy
@@ -37,13 +37,13 @@ UNSURE = {
 # how many medians on an estimate is another pose's.
 FAR, ALIKE, ELSEWHERE = 5.0, 0.8, 4.0
 MEDIAN = 0.455  # of the square of a normal number
-# Standard errors from which all places are off alike, and share of what they tell of it that has to
-# be left beside all that is fitted.
+# Standard errors from which all places are off alike, and share of their information about it that
+# must remain beside all that is fitted.
 SURE, LEAST_LEFT = 5.0, 1e-6
 
 
 def disagreement(scene: Scene, images: Array, poses: Array, rolls: Array, std: Array) -> str:
-    """Say how places are off, or nothing where those that are told may be right.
+    """Say how the given places are off, or nothing where they may be right.
 
     Of each place there is one image, ``(k, side, side)``, with its pose, m and rad, ``(k, 5)``, its
     roll, ``(k,)``, and the standard deviations of its pose, ``(k, 5)``.
@@ -75,7 +75,7 @@ def disagreement(scene: Scene, images: Array, poses: Array, rolls: Array, std: A
 
 
 def in_words(i: int, told: Array, off: Array) -> str:
-    """Say how the values of one part of the places are off those told."""
+    """Say how the values of one part of the places are off the given ones."""
     name, size, unit = DOF_NAMES[i], IN_DEGREES[i], DOF_UNITS[i]
     kept = np.abs(off) <= ELSEWHERE * np.median(np.abs(off))
     told, off = told[kept], off[kept]
@@ -89,11 +89,11 @@ def in_words(i: int, told: Array, off: Array) -> str:
 
 
 def common_error(fit: CalibrationFit) -> str:
-    """Say how all places of a fit are off alike, where their light tells it; or nothing.
+    """Say how all places of a fit are off alike, where their light shows it; or nothing.
 
     A shift along the beacon's x bends how light falls with the range, another scale how it falls
     beside what the array's own size shows; by the score test (C. R. Rao, 1948) with all that is
-    fitted. Turns, and most of a shift aside, are aims of lamp and array, and told as such.
+    fitted. Turns, and most of a shift aside, are aims of lamp and array, and reported as such.
     """
     poses, worst, reason = fit.likelihood.poses, SURE, ""
     ahead, scaled = np.zeros_like(poses), poses.copy()
@@ -121,7 +121,7 @@ def common_error(fit: CalibrationFit) -> str:
 def _error_along(fit: CalibrationFit, direction: Array, step: float) -> tuple[float, float]:
     """Return how far to move all poses along a direction, ``(m, 5)``, and its standard error.
 
-    The latter is inf where nothing tells it.
+    The latter is inf where nothing determines it.
     """
     likelihood, state = fit.likelihood, fit.state
 

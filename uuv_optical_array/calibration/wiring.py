@@ -150,7 +150,7 @@ class TorchSweeps:
                 f"first at row {unlit[0] // side}, column {unlit[0] % side} of the image; "
                 "pass all detectors, or repair the dead ones"
             )
-        weights = light**2  # so that the passing itself counts more than light from afar
+        weights = light**2  # so that the passing itself counts more than light from far away
         passed = seconds @ (weights / weights.sum(axis=0))
         order = np.argsort(passed)
         groups = passed[order].reshape(side, side)

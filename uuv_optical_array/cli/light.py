@@ -41,7 +41,7 @@ SETTINGS = {"counts_per_unit": Setting(float, UNIT, 1.0, optional=False)}
 
 
 class Light(NamedTuple):
-    """Readings with what is told of their places.
+    """Readings with what is given of their places.
 
     - recording: with nan where a part of a pose is not known.
     - stds: of its poses, m and rad, ``(m, 5)``; nan as there.
@@ -154,7 +154,7 @@ def filled(recording: Recording, stamps_ns: NDArray[np.int64], starts: Array) ->
 
 
 def read_known(args: argparse.Namespace, scene: Scene) -> tuple[Light, list[str]]:
-    """Return what tables, or a bag, tell, and the parts of poses that they are to leave open."""
+    """Return what tables, or a bag, give, and the parts of poses that they must leave open."""
     told, known = read_light(args, scene), dict(args.known)
     if missing := [name for name, value in known.items() if value is None]:
         raise options.OptionError(f"--known {missing[0]}: no value; give {missing[0]}=VALUE")

@@ -87,7 +87,7 @@ def value_of(name: str, setting: Setting, text: str) -> Any:
 
 
 def _option(read: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Return the type of an option that is so read; a ValueError gives what is told."""
+    """Return the type of an option that is so read; a ValueError has the error's text."""
 
     def value(text: str) -> Any:
         try:

@@ -41,11 +41,11 @@ from uuv_optical_array.forward.scene_files import own_text
 MODULATED = "the array sees modulated light only: move one of the lamps, lit, in place of the torch"
 AHEAD = "then do the acceptance test, with the lamp so far ahead of base_link"
 LAMP = Quantity(AHEAD, "m", 0.3, 100)
-TELL_S, PATIENCE_S = 15.0, 600.0  # without anything new: until it is told, and until the end
+TELL_S, PATIENCE_S = 15.0, 600.0  # without anything new: until it is reported, and until the end
 
 
 class Watch:
-    """Hands images over, tells what is not seen, and ends where that lasts.
+    """Hands images over, reports what is not seen, and ends where that lasts.
 
     Time is of a steady clock, so that the command ends where no image comes.
     """
@@ -159,7 +159,7 @@ def report(test: Acceptance, side: int, range_m: float) -> int:
 
 
 def places(seen: Estimate, range_m: float) -> str:
-    """Return the pose that was told, straight behind the lamp, beside the one that is seen."""
+    """Return the given pose, straight behind the lamp, beside the one that is seen."""
     std, pose = np.sqrt(np.diag(seen.covariance)) * IN_DEGREES, seen.pose * IN_DEGREES
     told = [-range_m, 0.0, 0.0, 0.0, 0.0]
     lines = ["                told    found      std"]

@@ -149,7 +149,7 @@ def report(
     tracked: bool,
     source: str = "the bag's odometries",
 ) -> str:
-    """Return the numbers of images and poses and the errors, as text; `source` tells the truth."""
+    """Return the numbers of images and poses and the errors, as text; `source` names the truth."""
     posed = [(i, frame.estimate.pose) for i, frame in enumerate(frames) if frame.estimate]
     span_s = (frames[-1].stamp_ns - frames[0].stamp_ns) * 1e-9 if frames else 0.0
     lines = [

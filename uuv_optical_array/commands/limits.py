@@ -47,7 +47,7 @@ def bound_map(
     """Return the bound of level poses at the lamp's depth, for each shape of the scene's array.
 
     Standard deviations, m and deg, ``(n, m, 5)``, inf where unobservable, at `behind_m` ``(n,)``
-    and, to port, `aside_m` ``(m,)``. The lamp's power is set anew for each shape.
+    and, to port, `aside_m` ``(m,)``. The lamp's power is set again for each shape.
     """
     poses = np.zeros((len(behind_m), len(aside_m), 5))
     poses[..., X], poses[..., Y] = -behind_m[:, None], aside_m
@@ -106,7 +106,7 @@ def report(model: ForwardModel, pose: Array) -> str:
     lines += ["", f"observable: {', '.join(names) or 'nothing'}"]
     lines.append(f"condition number of the information, in m and rad: {bound.condition:.2g}")
     if stds := scene.nuisance_std():
-        # What each of several lamps has is told once.
+        # What each of several lamps has is printed once.
         shared = {re.sub(r"^lamps\.\d+", "lamps.*", name): std for name, std in stds.items()}
         along = ", ".join(f"{name} +-{std:g}" for name, std in shared.items())
         lines.append(f"estimated along with the pose: {along}")

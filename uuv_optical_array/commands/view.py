@@ -3,7 +3,7 @@
 Serve a page that shows leader, follower, beam and array in 3-D, the true pose, the estimated one
 with its three sigma, the array's image, its brightest reading, and the errors over time. Without a
 bag a follower follows a leader in a simulation, in real time. Sliders change sea, lamp and station,
-of which the estimator is not told. With a bag, the poses of its images are estimated as by
+which the estimator does not know. With a bag, the poses of its images are estimated as by
 `uuv_array estimate --track`, and a time line chooses the moment. view_node serves such a page for
 live ROS topics.
 

@@ -109,7 +109,7 @@ def checked_quaternion(attitude: Any) -> Array:
 def up_of_odometry(message: Any) -> Array | None:
     """Return where the world's up is in the axes of REP 103 of the body, a unit vector, ``(3,)``.
 
-    ``None``: it is not told, as an attitude that was left out is all 0 or none. Frames whose names
+    ``None``: it is not given, as an attitude that was left out is all 0 or none. Frames whose names
     end with ``_ned`` or ``_frd`` have their z down.
     """
     attitude = message.pose.pose.orientation

@@ -1,8 +1,8 @@
 """How poses appear where lamp and array do not stand or point exactly as the scene says.
 
-No image tells anything of it: the same light is that of another pose. So the aim is no constant
-that a fit could learn, but a part of the pose's covariance that is the same in every frame. So is
-how far behind its face a lamp's light seems to come from.
+No image determines it: the same light belongs to another pose. So the aim is no constant that a fit
+could learn, but a part of the pose's covariance that is the same in every frame. So is how far
+behind its face a lamp's light seems to come from.
 """
 
 import math

@@ -34,14 +34,14 @@ LOGARITHMS = POWER, SCATTERING, RADIUS  # whose offset is that of their logarith
 GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
 DAYLIGHT = AMBIENT, *GRADIENTS
 SHADES = tuple(f"shade.mode_{k}" for k in range(1, 6))
-# A shade is smooth: each order of its modes is weaker than the one before by this factor, and what
-# is no mode as strong as one of the second order. Our choice, after the clouds of `plume`.
+# A shade is smooth: each order of its modes is weaker than the one before by this factor, and the
+# rest is as strong as a mode of the second order. Our choice, after the clouds of `plume`.
 SHADE_DECAY, SHADE_ORDERS = 1 / 4, (1, 1, 2, 2, 2)
 RIM = 0.25  # depth of a cloud's rim relative to its middle
 # Uneven light that the scene does not name: a smooth shade, in the logarithm of the lamp's light,
-# and a gradient of daylight, relative to full scale. Our choice, for the unforeseen, as are its
-# sizes, of that, with the share of each; by several lamps, each of which may be off by itself, too,
-# and the share of such frames at least.
+# and a gradient of daylight, relative to full scale. Our choice, for the unforeseen. Then its
+# sizes, relative to that, with the share of each; the same with several lamps, each of which may
+# differ by itself; and the least share of such frames.
 UNEVEN_DEPTH, UNEVEN_DAYLIGHT = 0.2, 0.02
 UNEVEN_SIZES = (0.25, 2 / 3), (1.0, 0.28), (2.0, 0.04), (3.0, 1 / 75)
 SIZES_BY_LAMPS = (0.25, 2 / 3), (1.0, 1 / 3)
@@ -54,7 +54,7 @@ class Uncertain(NamedTuple):
     """What a standard deviation of the prior is of, what a scene must have for it, and its size.
 
     Settings are dotted names, or keys of each of several lamps. A rig was calibrated once in this
-    sea, or never: orders of magnitude of our choice, for want of published ones.
+    sea, or never: orders of magnitude of our choice, as none are published.
     """
 
     settings: tuple[str, ...]
@@ -292,7 +292,7 @@ def of_lamp(i: int, setting: str) -> str:
 def shade_doubt(lamps: int) -> float:
     """Return the factor of the variance of a pose behind a cloud, which is no smooth Gaussian one.
 
-    Several lamps tell more of it. Measured by `uuv_array study accuracy --moving` in `night_plume`.
+    Several lamps show more of it. Measured by `uuv_array study accuracy --moving` in `night_plume`.
     """
     return 2.5 if lamps == 1 else 1.5
 

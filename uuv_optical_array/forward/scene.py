@@ -252,7 +252,7 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
             )
             if group == "prior":
                 given, defaults = settings.get(group) or {}, PRIORS[values["known"]]
-                if groups["lamp"].beam_weights is None:  # to be one Gaussian is exact, unless told
+                if groups["lamp"].beam_weights is None:  # one Gaussian is exact, unless given
                     defaults = {**defaults, "beam_shape_std": 0.0}
                 values |= {key: std for key, std in defaults.items() if key not in given}
                 # A set's values do not apply to what the scene does not have.

@@ -59,8 +59,8 @@ def known_volume_std(information: Array) -> Array:
     """Bound the errors of an image whose pose is known to lie in the volume, m and rad.
 
     The volume enters as a Gaussian prior of its variance beside the Fisher information of the
-    image, shape ``(..., 5, 5)``. Where the image tells more, the result is the Cramer-Rao bound;
-    where it tells nothing, the standard deviation of the volume.
+    image, shape ``(..., 5, 5)``. Where the image says more, the result is the Cramer-Rao bound;
+    where it says nothing, the standard deviation of the volume.
     """
     covariance = np.linalg.inv(information + np.diag(1 / VARIANCE))
     return np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))

@@ -28,7 +28,7 @@ UNKNOWN_SHARE = 0.29  # of the table's span, the spread of an even distribution:
 
 
 class Fitted(NamedTuple):
-    """The pose of a row, ``(5,)``, its covariance, misfit, and why it is none; empty: it is one."""
+    """The pose of a row, ``(5,)``, its covariance, misfit, and why there is none, or nothing."""
 
     pose: Array
     covariance: Array
@@ -70,8 +70,8 @@ class PoseFit:
     def fit(self, images: Array, poses: Array, stds: Array, rolls: Array) -> list[Fitted]:
         """Return the pose of each image; arguments as of `Told`, with nan where a part is unknown.
 
-        Unknown parts are sought over the span of the scene's table, and believed beyond it as far
-        as the light tells.
+        Unknown parts are sought over the span of the scene's table, and accepted beyond it as far
+        as the light determines them.
         """
         rows = zip(images, poses, stds, rolls.tolist(), strict=True)
         return [self.one(*row) for row in rows]

@@ -14,7 +14,7 @@ from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.places import LEAST_STD, POSE, STDS
 
 TIME, ROLL = "time_s", "roll_deg"
-NAMES = (*POSE, *STDS, ROLL)  # what may be told of a place
+NAMES = (*POSE, *STDS, ROLL)  # what may be given of a place
 PARTS = (*POSE, ROLL)
 LARGEST_M, LARGEST_DEG = 1000.0, 360.0  # of a place; more is in another unit
 LARGEST_S = 9e9  # a stamp has to fit into nanoseconds
@@ -91,7 +91,7 @@ def _place(cell: str, where: str, name: str) -> float:
 
 @dataclass(frozen=True)
 class Told:
-    """What is told of places: poses and their errors, m and rad, nan where nothing is.
+    """What is given of places: poses and their errors, m and rad, nan where nothing is.
 
     The shapes are ``(m, 5)``; of the rolls, rad, ``(m,)``.
     """
@@ -102,7 +102,7 @@ class Told:
 
 
 def told_of(columns: Mapping[str, Array], count: int) -> Told:
-    """Return what columns tell of `count` rows."""
+    """Return what columns give of `count` rows."""
 
     def of(names: Sequence[str]) -> Array:
         none = np.full(count, np.nan)
@@ -142,7 +142,7 @@ def stamps_of(seconds: Array) -> NDArray[np.int64]:
 
 
 class Course:
-    """Poses by time of a table that tells some or all of their parts, interpolated."""
+    """Poses by time of a table that gives some or all of their parts, interpolated."""
 
     def __init__(self, table: Table, max_gap_s: float) -> None:
         if not table.timed:
@@ -151,7 +151,7 @@ class Course:
         if not parts:
             raise ValueError(f"{table.path}: has none of {', '.join(PARTS)}; give one at least")
         self._max_gap_s = max_gap_s
-        # Columns of a pose that it tells.
+        # Columns of a pose that it gives.
         self.parts = [i for i, name in enumerate(POSE) if name in parts]
         self._samples = {}
         for name in parts:
@@ -166,9 +166,9 @@ class Course:
             self._samples[name] = times, values
 
     def at(self, stamps_ns: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return poses and rolls, m and rad, at stamps; nan outside, in long gaps, or not told.
+        """Return poses and rolls, m and rad, at stamps; nan outside, in long gaps, or not given.
 
-        A vehicle whose roll is not told does not roll.
+        A vehicle whose roll is not given does not roll.
         """
         seconds = stamps_ns * 1e-9
         columns = {}

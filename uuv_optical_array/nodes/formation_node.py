@@ -1,6 +1,6 @@
 """From the track of the follower to the velocity command that keeps station behind the leader.
 
-Without light it coasts, searches and ends as `control.following` says, and tells its state.
+Without light it coasts, searches and ends as `control.following` says, and publishes its state.
 """
 
 import math
@@ -134,7 +134,7 @@ class FormationNode(Node):
         return response
 
     def tell_state(self) -> None:
-        """Tell a state that is new to all who follow it."""
+        """Publish a state that is new."""
         if self.teller.note(self.following.state):
             self.show()
         self.diagnostics.warn(self.slow, self.teller.warning)
@@ -170,7 +170,7 @@ class FormationNode(Node):
         self.tell_state()
 
     def on_features(self, message: PointCloud2) -> None:
-        """Take what a topic tells of an image, with light or without."""
+        """Take what a topic says of an image, with light or without."""
         with self.diagnostics.refusing():
             self.on_look(message.header, messages.features_from_message(message))
 

@@ -6,8 +6,8 @@ A follower that says by its ``follow_state`` that it has not found the leader is
 the sea begins to move too. ``cmd_vel`` is a velocity through the water; the leader can see the
 ground, and steers against the current. Each can be alone, so that several followers share a leader.
 
-Where ``leader/cmd_vel`` comes, the leader waits for none and obeys it, and from then on nothing
-else: it has left its path for good, and where the commands end it stops in the water.
+Once ``leader/cmd_vel`` comes, the leader waits for no follower and obeys these commands only: it
+has left its path for good, and stops in the water when the commands end.
 """
 
 from functools import partial
@@ -44,7 +44,7 @@ from uuv_optical_array.nodes.shared.waiting import Waiting
 
 # Of the velocities, (m/s)^2 and (rad/s)^2, as a test tank's tracking would know them.
 TWIST_COVARIANCE = np.diag(np.repeat([0.02, 0.02], 3) ** 2).ravel()
-# A step of as many periods, and of as many seconds, is none: the clock jumped, or the node slept.
+# A longer step, in periods and in seconds, is not made: the clock jumped, or the node slept.
 PAUSE_PERIODS, PAUSE_S = 5, 1.0
 
 PARAMETERS = {
@@ -91,7 +91,7 @@ PARAMETERS = {
 class VehiclesNode(Node):
     """Move the vehicles and publish where they are; options as of `Node`.
 
-    They move by the time of a steady clock, or of the simulated one, of which no jump moves them.
+    They move by the time of a steady clock, or of the simulated one, whose jumps do not move them.
     """
 
     def __init__(self, **options: Any) -> None:

@@ -57,7 +57,7 @@ class ViewNode(Node):
         # Stamp and image: they wait for the track, and for the next image and so the odometry.
         self.waiting: deque[tuple[int, Array]] = deque()
         self.tracks: dict[int, Odometry] = {}
-        self.state: State | None = None  # told last, since a time of the stamps
+        self.state: State | None = None  # the last one, since a time of the stamps
         self.first_ns = self.shown_ns = 0
         self.trajectories = {
             name: Trajectory(self.parameters["max_gap_s"]) for name in ("leader", "follower")

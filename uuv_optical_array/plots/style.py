@@ -37,7 +37,7 @@ METHOD_COLOURS = {
     "tracker": "#2c9c5a",
     "docking": "#12305e",
 }
-# And one shape of its mark, which is also told in grey.
+# And one shape of its mark, which is distinct in grey, too.
 METHOD_MARKS = {"moments": "v", "look_up": "D", "sam": "s", "sam_interpolated": "^"}
 METHOD_MARKS |= {"least_squares": "o"}
 SPECIFIED = "#2c9c5a"
@@ -121,7 +121,7 @@ def write_table(axes: "Axes", text: str, size: float, spacing: float) -> None:
 
 
 def draw_trial() -> None:
-    """Draw a word to nowhere; ValueError where Matplotlib cannot, before the work for a picture."""
+    """Draw a word as a trial; ValueError where Matplotlib cannot, before the work for a picture."""
     try:
         figure = new_figure(1, 1)
         figure.text(0, 0, "0")

@@ -49,7 +49,7 @@ def parts(folder: Path) -> list[Path]:
 
 
 def told_of(folder: Path, lost: Counter[str]) -> tuple[set[str], Counter[Channel]]:
-    """Return names of files, and counts, that ``metadata.yaml`` tells: nothing without one."""
+    """Return names of files, and counts, that ``metadata.yaml`` gives: nothing without one."""
     names: set[str] = set()
     counts: Counter[Channel] = Counter()
     try:

@@ -36,7 +36,7 @@ class Recording:
     # To the follower, ascending: stamp, ns, linear and angular body velocity, m/s and rad/s, (3,).
     commands: list[tuple[int, Array, Array]] = field(default_factory=list)
     states: list[State] = field(default_factory=list)  # of the follower, each once, ascending
-    # Poses and rolls at other stamps, ns; nan where not known. `None`: they were told by places.
+    # Poses and rolls at other stamps, ns; nan where not known. `None`: a table of places gave them.
     poses_at: Callable[[NDArray[np.int64]], tuple[Array, Array]] | None = None
     offset_s: float = 0.0  # of the poses from the stamps of their images
     rates: Array | None = None  # of poses and rolls, m/s and rad/s, (m, 6), as of `clocks.rates_of`
@@ -179,7 +179,7 @@ def read_recording(
         streams.setdefault(commands.topic, commands)
         wanted.setdefault(commands.topic, TWIST)
         wanted.setdefault("/" + states_topic.strip("/"), STATUS)
-        states: set[State] = set()  # each is told again and again
+        states: set[State] = set()  # each is repeated
         for _, channel, message in progress(bag.messages(wanted)):
             try:
                 if channel.kind == STATUS:

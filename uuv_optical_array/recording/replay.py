@@ -1,4 +1,4 @@
-"""A recording estimated anew, by the same pipeline as on a vehicle."""
+"""Estimates of a recording, by the same pipeline as on a vehicle."""
 
 from collections.abc import Generator, Sequence
 

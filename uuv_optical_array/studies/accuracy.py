@@ -12,7 +12,7 @@ of the images to be shaded. docs/results/accuracy.md explains every figure.
   uuv_array study accuracy --scene follow --json     the default scene, as one JSON object
   uuv_array study accuracy --method sam              the paper's method
   uuv_array study accuracy --shape planar            the same scene with a planar array
-  uuv_array study accuracy --scene follow --known    what it costs to know less of the sea
+  uuv_array study accuracy --scene follow --known    errors when less of the sea is known
   uuv_array study accuracy --scene leading_lights --lamps  what several lamps gain
   uuv_array study accuracy --scene harbour --drawn   each image in a sea drawn from the prior
   uuv_array study accuracy --scene night_plume --moving   with clouds, flicker and drift
@@ -54,7 +54,7 @@ from uuv_optical_array.studies.shared.results import until_interrupted
 
 POSES, KNOWN_POSES = 20_000, 4_000
 BAND = 0.95
-COLOURS = "#3b5b8c", "#4fb37a", "#f6cf7a"  # from dark to light, so that grey tells them, too
+COLOURS = "#3b5b8c", "#4fb37a", "#f6cf7a"  # from dark to light, so that they differ in grey, too
 BAR = 0.26
 NUMBERS = 1, 2, 3, 4  # of lamps
 SEAS = {

@@ -1,9 +1,9 @@
 """A smoother of images for the approach to a lamp that stays where it is, such as a dock's.
 
 Lamp and water do not change during an approach, so their uncertain settings are estimated once for
-all frames; and a vehicle moves along its heading, so that its path tells its attitude. The newest
-pose ends the most probable path, fitted anew with every image by damped Gauss-Newton steps: a
-filter would keep its linearisation of the first, far images, where the likelihood is most curved.
+all frames; and a vehicle moves along its heading, so that its path determines its attitude. The
+newest pose ends the most probable path, fitted again with every image by damped Gauss-Newton steps:
+a filter would keep its linearisation of the first, far images, where the likelihood is most curved.
 """
 
 from typing import Any, NamedTuple

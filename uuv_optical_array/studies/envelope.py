@@ -99,7 +99,7 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def envelope(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Say in words within what no run was lost, as far as the kinds tell."""
+    """Say in words within which limits no run was lost, by what the kinds tried."""
     by_name = {row["kind"]: row for row in rows}
 
     def until(begin: str, end: str = "") -> str:

@@ -262,7 +262,7 @@ def draw(figures: Mapping[str, Any], scene_name: str) -> Any:
         axes.set(xlabel=AXES[motion], xlim=(0, STEPS[motion][-1]))
         axes.set_ylim(0, 80 if motion == "shift" else 60)
         axes.grid(alpha=0.3)
-        # Dark for many detectors and for far, so that grey tells it, too.
+        # Dark for many detectors and for far, so that it shows in grey, too.
         told: dict[str, Any] = {}  # colours of the curves, by their names
         for curve, shade in zip(curves, shades("viridis", 0.85, 0, len(curves)), strict=True):
             names = {"4": curve["array"], "5": f"{curve['detectors_per_side']}"}

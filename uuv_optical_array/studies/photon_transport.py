@@ -68,7 +68,7 @@ class Lamp:
         intensity = self.intensity(np.arccos(np.clip(cosine, -1, 1)))
         weight, turned = intensity.mean(-1), (intensity * np.cos(turn)).mean(-1)
         self.flux = np.stack([pencil.radial @ weight.T, pencil.away @ turned.T])
-        # A photon crosses a sphere once, but for those few that turn back.
+        # A photon crosses a sphere once, except for the few that turn back.
         square = pencil.squares @ np.square(weight).T - self.flux[0] ** 2
         self.error = np.sqrt(np.maximum(square, 0.0) / pencil.photons)
         self._splines = [RectBivariateSpline(RADII_M, OFF_AXIS, part) for part in self.flux]

@@ -1,4 +1,4 @@
-"""``uuv_array study tradeoff``: measure what accuracy costs in time.
+"""``uuv_array study tradeoff``: measure accuracy against computing time.
 
 Measure error and time per frame of every method (sam, sam_interpolated, least_squares, and the
 published look-up and moments) on arrays of 3, 5, 7 and 21 detectors a side, planar and curved, with

@@ -145,7 +145,7 @@ def measure_poses(count: int, seed: int) -> Iterator[dict[str, Any]]:
 
 
 def _calibrated(scene: Scene, images: Array, poses: Array) -> tuple[Scene | None, str]:
-    """Return the scene that a drive tells, or why there is none."""
+    """Return the scene that a drive determines, or why there is none."""
     try:
         fitted = calibrate(scene, images, poses)
     except ValueError as error:

@@ -76,7 +76,7 @@ class Page:
         self.url = f"http://{host}:{self._server.get_port()}/{token}"
         self._window, self._drawn = Window(), 0
         self._paths: dict[str, list[Array]] = {"leader": [], "follower": []}
-        self._again = ""  # the button that begins anew
+        self._again = ""  # the button that restarts
         self._range_m = -scene.table.x_m[0]
         self._floor_at: tuple[float, float] | None = None
         self._draw_sea()
@@ -184,7 +184,7 @@ class Page:
                 handles[-1].on_update(changed)
 
     def add_button(self, label: str, on_click: Callable[[], None]) -> None:
-        """Add a button that begins anew; `on_click` is called from any thread."""
+        """Add a button that restarts; `on_click` is called from any thread."""
         self._again = label
         self._server.gui.add_button(label).on_click(lambda _: on_click())
 

@@ -20,7 +20,7 @@ LONGEST_WAIT_S = 1.0  # from one image to the next, however long the gap of the 
 def sights_of(recording: Recording, estimator: Estimator) -> Iterator[Sight]:
     """Yield what the page shows of each image, tracked; the recording's poses are the truth.
 
-    The state is the one that was told in the run, whatever the images give now.
+    The state is the one that was published in the run, whatever the images give now.
     """
     images, stamps_ns, commands = recording.images, recording.stamps_ns, recording.commands
     answers = replay(images, stamps_ns, estimator, TrackerSettings(), commands=commands)

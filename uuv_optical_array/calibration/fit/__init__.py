@@ -1,1 +1,1 @@
-"""The fit of a calibration: what images determine, and what their residuals tell."""
+"""The fit of a calibration: what images determine, and what their residuals show."""

@@ -1,10 +1,10 @@
 """Whether the residuals of a calibration are those of another shape of the beam.
 
 Poses, gains or water that are wrong leave other residuals: those of a beam depend on the angle off
-its axis alone, and are relative to the light. So they are told in two ways: by their mean at each
-angle, and, where the shape of the beam was not fitted, by how much better a fit would be with it.
-That is the score test (C. R. Rao, 1948, Proc. Camb. Phil. Soc. 44, 50), which needs no such fit and
-counts what poses of uncertain places, gains and all else would take up.
+its axis alone, and are relative to the light. So they are recognised in two ways: by their mean at
+each angle, and, where the shape of the beam was not fitted, by how much better a fit would be with
+it. That is the score test (C. R. Rao, 1948, Proc. Camb. Phil. Soc. 44, 50), which needs no such fit
+and counts what poses of uncertain places, gains and all else would absorb.
 """
 
 from typing import NamedTuple
@@ -24,7 +24,7 @@ LEAST_LIGHT = 3.0  # standard deviations of a lit reading
 # Share of what noise leaves unexplained from which the beam is the cause, or a part of it.
 BY_BEAM, PARTLY = 0.5, 0.2
 SIGNIFICANT = 5.0  # standard deviations of what noise gives
-LEAST_WEIGHT = 0.05  # of a Gaussian: a lesser one costs a pose little, and scattering looks alike
+LEAST_WEIGHT = 0.05  # of a Gaussian: a smaller one changes a pose little, and looks like scattering
 # Relative error of the light that the shape of the beam may leave: with more, poses are false.
 MOST_LEFT = 0.015
 MOST_SCALE = 0.02  # share of it by which all places may move away from the beam's axis
@@ -114,7 +114,7 @@ def missing_shape(fit: CalibrationFit) -> MissingShape:
 def common_scale(fit: CalibrationFit) -> tuple[float, float]:
     """Return by which share of it all places move away from the beam's axis, and its error.
 
-    The latter is that of a mean of places that err as they say, each by itself.
+    The latter is that of a mean of places with independent errors of their given size.
     """
     likelihood = fit.likelihood
     if likelihood.pose_std is None:
@@ -156,7 +156,7 @@ def wrong_beam(fit: CalibrationFit, missing: MissingShape) -> str:
 def drawn_places(fit: CalibrationFit) -> str:
     """Say that the images draw all places to the beam's axis, or from it, if so; or nothing.
 
-    Places that err each by itself do not; they follow a beam that is not the scene's.
+    Places with independent errors do not; these follow a beam that is not the scene's.
     """
     scale, error = common_scale(fit)
     if abs(scale) <= max(SIGNIFICANT * error, MOST_SCALE):

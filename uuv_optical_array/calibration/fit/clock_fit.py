@@ -12,7 +12,7 @@ LEAST_INFORMATION = 1e-9  # of the offset beside all else, relative to its own
 
 
 def offset_step(fit: CalibrationFit, rates: Array) -> tuple[float, float]:
-    """Return the Gauss-Newton step of the offset, s, and its standard error; inf: it is not told.
+    """Return the Gauss-Newton step of the offset, s, and its standard error; inf: undetermined.
 
     Rates are those of poses and rolls, m/s and rad/s, shape ``(m, 6)``.
     """

@@ -34,7 +34,7 @@ FREE_ROUNDS = 3  # of finding what is determined, in which a held parameter may 
 POOR_MISFIT = 2.0  # mean squared residual from which held parameters are released once
 # Relative change of what the shape of the beam leaves, and its size, at which it is found.
 SHAPE_STEADY, LEAST_SHAPE = 0.02, 1e-3
-MOST_SHAPE = 0.1  # in the fit; a wrong model would take all for the beam's
+MOST_SHAPE = 0.1  # in the fit; a wrong model would attribute everything to the beam
 CONSTANT_IMAGES = 10  # a reading that is the same in so many images is a fault,
 EXPECTED_CHANGE_COUNTS = 20.0  # where it should have changed by this much
 MAX_STEPS = 500  # where gains and response make up for each other, a long bent valley

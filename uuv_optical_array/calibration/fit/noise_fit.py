@@ -1,6 +1,6 @@
 """The noise of the detectors by the residuals of a calibration.
 
-The squares of residuals tell the variance of readings: that of the dark, and a part that is
+The squares of residuals give the variance of readings: that of the dark, and a part that is
 relative to the reading, on top of what the scene has besides. Both are the most probable ones, with
 the standard errors of Fisher's information (S. Kay, Estimation Theory, 1993, eq. 3.31).
 """

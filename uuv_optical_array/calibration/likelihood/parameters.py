@@ -59,7 +59,7 @@ class Kind(NamedTuple):
     low: float  # bounds, of a logarithm if it is one
     high: float
     # Standard error beyond which one counts as undetermined: a water type, a tape, or a look at the
-    # array in the dark, tells as much. Of the background relative to full scale.
+    # array in the dark, gives as much. Of the background relative to full scale.
     largest: float
     prior: str  # key of the prior for their standard error; empty: by the scene's water
     cure: str = ""  # what to record to determine one; empty: it depends on the record
@@ -91,7 +91,7 @@ KINDS = (
     *[Kind("", -5.0, 5.0, 0.2, "", WIDELY)] * 2,
     Kind("m", -1.0, 1.0, 0.05, "lamp_behind_std_m", NEAR_AND_FAR),
     Kind("", -FACTOR, FACTOR, BOUGHT["lamps_power_std"], "lamps_power_std", DARK, True),
-    Kind("m", -10.0, 10.0, 1.0, "lamps_place_std_m", AROUND),  # a tape tells more
+    Kind("m", -10.0, 10.0, 1.0, "lamps_place_std_m", AROUND),  # a tape gives more
     Kind("deg", -45.0, 45.0, BOUGHT["lamps_aim_std_deg"], "lamps_aim_std_deg", ASIDE),
     Kind("counts", 0.0, 1e6, 0.02, "lamps_floor_std_counts", OUT_OF_BEAM),
     Kind("", -FACTOR, FACTOR, 0.15, "gain_std", SHIFT, True),

@@ -31,7 +31,7 @@ def sensor_noise(
     """Net noise of a detector and its amplifier, Gaussian (Eren et al. 2016, eq. 7).
 
     The relative part is that of a lamp or a gain that trembles from one reading to the next, of
-    each detector by itself. `demodulation` changes the other, and leaves it as it is.
+    each detector by itself. `demodulation` changes the other part only.
     """
     return Noise(sigma_counts**2, square=relative**2)
 
@@ -163,7 +163,7 @@ def demodulation(
     saturates: ``saturation`` limits daylight and the peak of the lamps, as if all were as bright,
     together. So do lamps of other vehicles at frequencies of their own. Daylight has to be slow
     beside the modulation, as waves and clouds are at some kHz. Several lamps need frequencies of
-    which none is an odd multiple of another, or slots, which tell no vehicles apart.
+    which none is an odd multiple of another, or slots, which do not separate vehicles.
     """
     return Demodulation(waveform), Background(np.ones(array.side**2), pedestal_counts)
 

@@ -1,6 +1,6 @@
 """The forms of an effect: what it may do to light, reading or noise.
 
-The forward model and the estimator's compiled loops know these forms and no single effect.
+The forward model and the estimator's compiled loops know only these forms, no single effect.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Several lamps on the leader that a modulation tells apart, each with a place and an axis.
+"""Several lamps on the leader that a modulation separates, each with a place and an axis.
 
 The lamp of the scene says how much light they give together and how wide their beams are. An image
 of several lamps holds the image of each by itself, one below the other.

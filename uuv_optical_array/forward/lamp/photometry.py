@@ -1,7 +1,7 @@
 """The beam of a lamp from its photometric file, as a sum of up to three Gaussians.
 
 They are fitted to the mean of the file's planes, weighted by the solid angle, out to `REACH`
-half-widths. Beyond, a pose has little light to go by.
+half-widths. Beyond, there is little light for a pose.
 """
 
 import math

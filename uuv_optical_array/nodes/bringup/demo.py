@@ -60,7 +60,7 @@ class RecorderNode(Node):
             (PoseWithCovarianceStamped, "relative_pose", self.on_pose),
         ):
             self.create_subscription(message_type, topic, callback, qos_profile_sensor_data)
-        self.state: State | None = None  # told last, since a time of the clock
+        self.state: State | None = None  # the last one, since a time of the clock
         self.create_subscription(DiagnosticStatus, "follow_state", self.on_state, TOLD)
 
     def add(self, series: dict[float, Array], header: Header, value: Array) -> None:
@@ -174,7 +174,7 @@ def follower_nodes(leader: str, options: dict[str, Any]) -> tuple[RecorderNode, 
 
 
 class TimeLeft:
-    """The time of a run, by a clock that nobody sets, or by the simulated one while that goes on.
+    """The time of a run, by a clock that is never set, or by the simulated one while that goes on.
 
     - elapsed_s: since the leader set off, s.
     """

@@ -13,7 +13,7 @@ DRIFT_RAD_PER_S, MOST_RAD = 0.05, 0.2
 
 
 class FollowerRoll:
-    """The roll of the last IMU message, ever less certain while no other comes.
+    """The roll of the last IMU message, less and less certain until another comes.
 
     - by_imu: whether there is an IMU; else the roll is 0.
     - stamp_ns: of the last message, ns; 0 before the first.
@@ -35,7 +35,7 @@ class FollowerRoll:
 
         - std_rad: of a roll from an IMU or taken as 0, rad.
         - max_age_s: largest time between an image and a roll that is of it, s.
-        - Refused: where there is an IMU that has told nothing yet.
+        - Refused: where there is an IMU that has sent nothing yet.
         """
         self.lost = ""
         if not self._by_imu:

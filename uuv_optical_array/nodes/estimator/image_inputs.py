@@ -15,7 +15,7 @@ WAITING = 20  # stamps of which only the image or only the key parameters have c
 
 
 class ImageInputs:
-    """Subscribes to images alone, or to key parameters and, where they are told, to images.
+    """Subscribes to images alone, or to key parameters and, if they are read, images.
 
     - images: whether images are read at all.
     - on_image: takes an image by itself.

@@ -1,4 +1,4 @@
-"""What a node tells ``/diagnostics`` once a second, by the conventions of diagnostic_updater."""
+"""What a node sends to ``/diagnostics`` once a second, by the conventions of diagnostic_updater."""
 
 import time
 from collections import Counter, deque
@@ -21,7 +21,7 @@ SEPARATE = "give each run a namespace or a ROS_DOMAIN_ID of its own"
 
 
 class BrokenOff(KeyboardInterrupt):
-    """Work that was broken off as the node is to end; nothing more is said of its message."""
+    """Work that was interrupted because the node ends; its message is not reported."""
 
 
 def publishers(node: Node, topic: str) -> list[str]:
@@ -119,7 +119,7 @@ class Diagnostics:
             self.refuse(f"{topic}, {reason}" if topic else str(reason))
 
     def warn(self, *reasons: str) -> None:
-        """Note what lasts and makes the answers worse; what is no longer named is over."""
+        """Note lasting conditions that make answers worse; one that is not named again is over."""
         for reason in reasons:
             if reason and reason not in self._warnings:
                 self._node.get_logger().info(reason)

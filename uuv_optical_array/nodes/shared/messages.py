@@ -78,11 +78,11 @@ def _places(message_type: Any) -> list[list[tuple[str, Callable[[Any], Any]]]]:
 
 
 class StampOrder:
-    """Let stamps only move forward, and yet let a stream start anew.
+    """Let stamps only move forward, but let a stream restart.
 
-    A stamp that is not later than the newest is refused. Only where two in a row advance, more than
-    `RESTART_NS` behind the newest, was the clock set back, or the newest a stray: the stream starts
-    anew. A stamp `AHEAD_NS` ahead of a given clock is refused, too, if the one before was not.
+    A stamp that is not later than the newest is refused. Only if two in a row advance, more than
+    `RESTART_NS` behind the newest, was the clock set back, or the newest wrong: the stream
+    restarts. A stamp `AHEAD_NS` ahead of a given clock is refused, too, if the one before was not.
     """
 
     RESTART_NS, AHEAD_NS = 500_000_000, 300_000_000
@@ -100,7 +100,7 @@ class StampOrder:
             raise self._not_later(stamp)
 
     def set_back(self, header: Header, late_ns: int) -> bool:
-        """Say whether the stream starts anew with a stamp that may be late, by so much, ns.
+        """Say whether the stream restarts with a stamp that may be late, by so much, ns.
 
         The first that is farther behind, of the two that it takes, is refused.
         """

@@ -118,7 +118,7 @@ def unsubscribe(node: Any, subscription: Subscription) -> None:
 
 
 def steady_clock(node: Node) -> Clock:
-    """Return the clock of what controls or moves: no other hand sets it.
+    """Return the clock of what controls or moves, which is never set.
 
     It is that of the machine's uptime, or the simulated one where the node uses simulated time.
     """

@@ -80,7 +80,7 @@ class Parameters:
     """The parameters of a node: declared, checked (ValueError), and read by name.
 
     `apply` is called with the new values of a change before it takes effect. A ValueError refuses
-    all of it, so it must come before anything is taken over; its text reaches who sets them.
+    all of it, so it must come before anything is taken over; its text is returned to the caller.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Parameters:
     ) -> None:
         self._node, self._declared, self._apply = node, declarations, apply
         for name, parameter in declarations.items():
-            # Declared without type and range first, so that a bad start value meets our own words.
+            # Declared without type and range first, so that a bad start value gets our own message.
             free = ParameterDescriptor(dynamic_typing=True)
             given = node.declare_parameter(name, parameter.default, free).value
             descriptor = parameter.descriptor()

@@ -9,7 +9,7 @@ class Rest:
     """What is left of the newest frame, done at the next turn of a node's executor.
 
     What was published meanwhile reaches nodes of the same process first. Whoever takes the next
-    frame calls `finish` before, as that may need it; without a node nobody else does.
+    frame calls `finish` before, as that may need it; without a node nothing else does.
     """
 
     def __init__(self, node: Node | None) -> None:

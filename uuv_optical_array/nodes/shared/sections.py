@@ -42,7 +42,7 @@ def astray(node: str) -> list[str]:
 def _read(file: str) -> Any:
     try:
         return yaml_text.read(Path(file))
-    except (OSError, ValueError):  # of which ROS has told
+    except (OSError, ValueError):  # which ROS has reported
         return {}
 
 

@@ -1,4 +1,4 @@
-"""Stamps on a clock that nobody sets, for what controls or watches over something."""
+"""Stamps on a clock that is never set, for what controls or watches over something."""
 
 from rclpy.node import Node
 
@@ -14,10 +14,10 @@ FAR_NS = 500_000_000  # a stamp so far behind the newest is no late one: its clo
 class StampTime:
     """Where stamps are on a steady clock, or on the simulated one, which is that of the stamps.
 
-    A clock of stamps is set at any time: that of this machine, that of the sensor, or both. By the
-    steady clock a stamp cannot be ahead of the present, and its age cannot grow faster than time
-    passes. Of the node's clock and what held before that is believed by which the age has changed
-    least, and where it is possible by neither, the age is taken to be what it was.
+    The clock of the stamps may be set at any time: that of this machine, that of the sensor, or
+    both. On the steady clock a stamp cannot be ahead of the present, and its age cannot grow faster
+    than time passes. Of the offsets by the node's clock and before, the one is used that changes
+    the age least; if neither is possible, the age is assumed to stay.
     """
 
     def __init__(self, node: Node) -> None:

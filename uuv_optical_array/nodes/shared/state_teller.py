@@ -1,4 +1,4 @@
-"""The topic ``follow_state``, which tells the state of a follower at each change and at 1 Hz."""
+"""The topic ``follow_state``, with the state of a follower at each change and at 1 Hz."""
 
 import math
 
@@ -29,7 +29,7 @@ class StateTeller:
         self.timer = node.create_timer(PERIOD_S, self.publish, clock=steady)
 
     def note(self, state: State) -> bool:
-        """Take the state at the present; return whether it is new, and then tell it."""
+        """Take the state at the present; return whether it is new, and if so publish it."""
         if state is self._noted:
             return False
         # Not since the stamp of an image that came late: states follow one another.

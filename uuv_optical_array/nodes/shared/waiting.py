@@ -14,7 +14,7 @@ COMPILING = "being compiled"  # how the text of such a fit ends
 
 
 class Waiting:
-    """A command for each follower, which has found the leader and has the fit that it will keep.
+    """Waits until each follower is commanded, has found the leader and has its final fit.
 
     `spaces` stand before the names of each follower's topics, such as ``follower_1/``.
     """

@@ -1,4 +1,4 @@
-"""A leader that tells of its motion, as a modem does: seldom, late, and not exactly."""
+"""A leader that sends its motion, as by a modem: seldom, late, and not exactly."""
 
 import math
 

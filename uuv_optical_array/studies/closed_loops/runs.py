@@ -50,7 +50,7 @@ class Beside:
 
 @dataclass(frozen=True)
 class Kind:
-    """What befalls a follower.
+    """A trouble that a follower meets.
 
     - since_s, until_s: when it begins and ends; what lasts ends as it begins.
     - lamp, scattering: relative to the scene; absorption: beyond it, 1/m.
@@ -61,7 +61,7 @@ class Kind:
       turned_deg: its yaw.
     - stays: whether the leader does.
     - silent_s: from when to when the IMU says nothing; none: there is no IMU.
-    - told: whether the leader tells of its motion, as `modem` says.
+    - told: whether the leader sends its motion, as `modem` says.
     - drawn: returns the kind of one run.
     """
 

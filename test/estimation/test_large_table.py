@@ -1,9 +1,11 @@
 """A large table on disk: the rows of one in memory, resumed, and never damaged unnoticed."""
 
+import contextlib
 import os
 import re
 import shutil
 import signal
+import socket
 import sys
 from unittest.mock import patch
 
@@ -83,6 +85,14 @@ def test_the_rows_are_those_of_a_table_in_memory_by_any_number_of_threads(finish
     assert_equal_tables(load_table(finished, renamed), table)
     assert_same_rows(build(tmp_path / "t.zarr", threads=2), finished)
     assert len(contents(finished)) == BLOCKS + 2
+
+
+def test_nothing_is_warned_of_where_dasks_usual_port_is_taken(tmp_path, recwarn):
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):  # it is taken
+            stack.enter_context(socket.create_server(("", 8787)))
+        build(tmp_path / "t.zarr")
+    assert not [str(one.message) for one in recwarn if "8787" in str(one.message)]
 
 
 CUT_OFF = """import os, pathlib, sys, yaml

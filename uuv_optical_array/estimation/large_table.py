@@ -65,10 +65,14 @@ def build_large_table(
     if path.exists():
         _open(path, scene)
     distributed = needs("cluster", "distributed")
-    here = {"processes": False, "n_workers": 1, "memory_limit": 0, "dashboard_address": None}
-    # What fails is raised by its result; what else is logged is of a cluster that is being closed.
-    here["silence_logs"] = logging.CRITICAL
-    chosen = {"address": scheduler} if scheduler else {**here, "threads_per_worker": threads}
+    here = {
+        **{"processes": False, "n_workers": 1, "threads_per_worker": threads, "memory_limit": 0},
+        # HTTP is served without a dashboard, too, with a warning where the usual port is taken.
+        **{"dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}},
+        # What fails is raised by its result; all else is logged by a cluster that is being closed.
+        "silence_logs": logging.CRITICAL,
+    }
+    chosen = {"address": scheduler} if scheduler else here
     with distributed.Client(timeout=WAIT_S, **chosen) as client:
         try:
             client.wait_for_workers(1, timeout=WAIT_S)

@@ -3,7 +3,8 @@
 Dirt, the hull's shadow or a dead detector last, and far from the lamp a single image does not
 always show them. Their readings are then off in the same way in many images, and a track becomes
 sure of it. So a detector that one image rejected has little weight in the track for a while: by our
-choice that fades in the alarm's window.
+choice that fades in the alarm's window. The weight is the squared probability that it is sound, as
+what is left of a fault adds up from image to image.
 """
 
 import numpy as np
@@ -29,4 +30,4 @@ class DoubtedDetectors:
         """
         before = drift(WINDOW_S, abs(stamp_ns - self._stamp_ns) * 1e-9) * self._doubts
         self._doubts, self._stamp_ns = np.maximum(before, 1 - believed), stamp_ns
-        return np.ones(len(believed)) - before
+        return np.square(np.ones(len(believed)) - before)

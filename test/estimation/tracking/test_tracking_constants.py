@@ -125,7 +125,7 @@ def biases_of(detectors, settings=DRIFTING):
     """Return variances and times of the biases: lasting and passing parts."""
     prior = np.array([*STDS, *[GAIN_STD] * detectors])
     lasting = prior * np.repeat([math.sqrt(0.99), 1.0], [2, detectors])
-    passing = prior * np.repeat([0.1, 1.0], [2, detectors])
+    passing = prior * np.repeat([0.1, 0.5], [2, detectors])
     times = np.repeat([settings.constants_hold_s, 60.0, 1.0], [2 + detectors, 2, detectors])
     return np.square([*lasting, *passing]), times
 

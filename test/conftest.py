@@ -55,6 +55,11 @@ UNTIMED = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.to
 hypothesis.settings.register_profile("search", **UNTIMED)
 hypothesis.settings.register_profile("same", derandomize=True, **UNTIMED)
 hypothesis.settings.load_profile("same")
+# It also draws numbers from whichever modules are loaded by then, which differs between workers.
+with contextlib.suppress(ImportError):  # older ones do not
+    from hypothesis.internal.conjecture import providers
+
+    providers._get_local_constants = lambda: providers._local_constants
 
 DOMAIN = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
 

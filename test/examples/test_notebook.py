@@ -27,6 +27,6 @@ def test_the_notebook_runs_and_shows_what_it_prints(compiled_fit, capsys, monkey
     np.testing.assert_allclose(*numbers, atol=0.0101)  # one in the last place
     off = names["estimate"].pose - names["truth"]
     assert (np.abs(off) < 5 * names["std"]).all()
-    assert names["rms"]["track"] < names["rms"]["frames"]
+    assert names["scatter"]["track"] < names["scatter"]["frames"] / 2
     # Aligned, and farther than where readings are full, more light is less doubt.
     assert (np.diff(names["bounds"][8:, 0]) > 0).all()

@@ -12,6 +12,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import uniform_poses
 from uuv_optical_array.studies.shared.errors import (
+    FrameErrors,
     frame_errors,
     position_and_angle,
     range_across_angle,
@@ -84,3 +85,11 @@ def test_errors_are_those_of_the_answers():
     assert (found.frame_s > 0).all()
     assert found.frame_ms[0] <= found.frame_ms[1]
     assert found.model_ms > 0
+
+
+def test_errors_of_poses_are_what_they_are_beyond_the_truth():
+    truth, spread = np.full((2, 5), 0.5), np.diag(np.arange(1.0, 6.0))
+    found = FrameErrors.untimed([(np.array([1.0, 0, 0.5, 0, 0]), spread), None], truth)
+    np.testing.assert_array_equal(found.errors[0], [0.5, -0.5, 0, -0.5, -0.5])
+    np.testing.assert_array_equal(found.covariances[0], spread)
+    assert found.posed.tolist() == [True, False]

@@ -314,3 +314,8 @@ def test_ranges_that_come_at_once_count_as_one():
             tracker.range(START_NS - 1000 * k, RANGE, RANGE_STD)
         stds.append(along(tracker.track()))
     assert stds[1] == pytest.approx(stds[0], rel=1e-3)
+
+
+def test_a_first_range_that_is_false_is_the_first_that_is_refused():
+    tracks = in_a_steady_sea([RANGE + 3.0] * 3, 3, std_m=0.05)
+    assert [track.range.refused for track in tracks] == [1, 2, 3]

@@ -13,6 +13,8 @@ from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.forward.aim import apparent
+from uuv_optical_array.forward.drawn_sea import draw_sea
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ABSORPTION, AMBIENT, GRADIENTS, POWER
 from uuv_optical_array.forward.scene import load_scene
@@ -345,3 +347,20 @@ def test_a_track_that_wrong_images_taught_is_found_again_by_right_ones(
         if second >= wrong_s + right_s - 10:
             assert bool(track.mismatch) == said
             assert squared_error(track, pose) < 46
+
+
+def test_images_that_bend_over_all_that_they_leave_call_no_honest_sea_off(compiled_fit):
+    """In murky water nearly all do, and the error of the place lasts in what they leave."""
+    estimator, tracked, times_s = Estimator(load_scene("harbour")).wait(), 0, np.arange(600) / 10
+    model = ForwardModel(estimator.scene)
+    for drawn in (6, 30, 35):
+        rng, pipeline = np.random.default_rng((2, drawn)), Pipeline(estimator)
+        sea, poses = draw_sea(estimator.scene, rng), course(times_s, 60.0, rng)
+        for t, pose in zip(times_s, poses, strict=True):
+            (seen,) = apparent(estimator.scene, pose[None], sea.aims[None])
+            light = model.with_gains(model.light(seen, sea.roll, sea.offsets), sea.gains)
+            track = pipeline.answer(round((1 + t) * 1e9), model.read(light, rng)).track
+            if track is not None:
+                tracked += 1
+                assert not track.mismatch
+    assert tracked > 1600

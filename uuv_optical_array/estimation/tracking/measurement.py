@@ -39,6 +39,11 @@ class Measurement(NamedTuple):
         """Whether the frame is more likely lit unevenly than as the scene says."""
         return self.shaded > 0.5
 
+    @property
+    def bent(self) -> bool:
+        """Whether its readings are far from linear over what the image leaves of the pose."""
+        return self.readings is None and self.relinearise is not None
+
 
 def checked_pose(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
     """Return copies of a pose, its yaw in [-pi, pi], and of the lower root of its covariance.

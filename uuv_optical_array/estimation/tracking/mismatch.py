@@ -11,7 +11,9 @@ chi-square of all tell if it is not, and the largest what explains it best.
 Of large arrays some detectors are tested, as many as gains are learnt by blocks (`belief`).
 
 A sudden change just before is recognised by the motion (`change`), and named instead. Frames that
-are lit unevenly are not summed; if most are, this is reported.
+are lit unevenly are not summed; if most are, this is reported. Nor are those whose light bends over
+what an image leaves of the pose: the error of a place lasts, and what it leaves in their residuals
+looks like an error of the scene.
 
 A scene that names shades is not tested: frames that count as clear may be shaded alike for long.
 """

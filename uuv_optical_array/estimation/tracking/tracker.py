@@ -214,8 +214,9 @@ class Tracker:
                 since_ns = min(max(self._changes.newest_ns, stamp_ns - SPAN_NS), stamp_ns)
                 way = in_beacon(at[POSE], self._own_motion.displacement(since_ns, stamp_ns))
             self._changes.add(stamp_ns, way, at[POSE], frame.relinearise)
-            with suppress(ValueError):  # not finite there
-                near = checked_readings(frame.relinearise(at), self._constants)
+            if not frame.bent:  # what lasts in those may be the error of the place
+                with suppress(ValueError):  # not finite there
+                    near = checked_readings(frame.relinearise(at), self._constants)
         self._alarm.add(stamp_ns, frame.uneven, near)
 
     def _turn(self, belief: Belief) -> Array | None:

@@ -6,7 +6,7 @@ from scenes import changed, coarse, squared_error, with_prior
 from scipy.linalg import eigh
 from scipy.stats import chi2, norm
 
-from uuv_optical_array.core.geometry import YAW, X
+from uuv_optical_array.core.geometry import YAW, X, wrapped
 from uuv_optical_array.core.messages import MAX_TWIST
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
@@ -364,3 +364,20 @@ def test_images_that_bend_over_all_that_they_leave_call_no_honest_sea_off(compil
                 tracked += 1
                 assert not track.mismatch
     assert tracked > 1600
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_darkness_in_brighter_daylight_than_the_scene_s_makes_no_false_track(estimator, seed):
+    """What is left of the image then fits a lamp far off that hardly shines."""
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(seed)
+    pipeline = Pipeline(estimator)
+    daylight, far = {AMBIENT: np.array(6.0)}, np.array([-1000.0, 0, 0, 0, 0])
+    lit, dark = (model.light(place, 0.0, daylight) for place in (NEAR, far))
+    for k in range(100):
+        image = model.read(lit if k < 50 else dark, rng)
+        pipeline.tracker.command(k * 10**8, np.zeros(5))
+        track = pipeline.answer((k + 1) * 10**8, image).track
+        if track is not None:
+            assert (
+                np.abs(wrapped(track.pose - NEAR)) < 6 * np.sqrt(track.covariance.diagonal())
+            ).all()

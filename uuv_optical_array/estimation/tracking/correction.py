@@ -104,8 +104,9 @@ class Correction:
 
     def readings(self, belief: Belief, frame: Measurement) -> LinearisedReadings | None:
         """Return a frame's readings, linear about its fit, or else where the belief expects it."""
-        if frame.readings is not None or frame.relinearise is None:
+        if not frame.bent:
             return frame.readings
+        assert frame.relinearise is not None
         at = np.concatenate([belief.mean[POSE], self._space.offsets(belief)])
         with suppress(ValueError):  # not finite there
             return checked_readings(frame.relinearise(at), self._constants)

@@ -95,8 +95,8 @@ class Alarm:
         """Take the newest frame of the track, and test what was summed now and then.
 
         - uneven: whether it is lit unevenly, as in a scene few are.
-        - readings: linearised at the track's own place; ``None``: there are none, and it is known
-          only how the frame is lit.
+        - readings: linearised at the track's own place; ``None``: there are none, or they are far
+          from linear, and it is known only how the frame is lit.
         """
         step_s = max(stamp_ns - (self._newest_ns or stamp_ns), 0) * 1e-9
         kept = math.exp(-step_s / WINDOW_S)

@@ -13,7 +13,7 @@ Ctrl-C ends the study early and reports the drives it has.
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +27,7 @@ from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.aim import apparent
 from uuv_optical_array.forward.drawn_sea import draw_sea
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.studies.shared.course import add_drives, course
 from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors
 from uuv_optical_array.studies.shared.results import until_interrupted
@@ -41,22 +42,27 @@ class Drive(NamedTuple):
     singles: FrameErrors
 
 
+def images(
+    scene: Scene, duration_s: float, rate_hz: float, rng: np.random.Generator
+) -> Iterator[tuple[float, Array, Array]]:
+    """Yield time, s, pose and image of a drive through a sea drawn from the scene's prior."""
+    model, sea = ForwardModel(scene), draw_sea(scene, rng)
+    times_s = np.arange(round(duration_s * rate_hz)) / rate_hz
+    for time_s, pose in zip(times_s, course(times_s, duration_s, rng), strict=True):
+        (seen,) = apparent(scene, pose[None], sea.aims[None])
+        light = model.light(seen, sea.roll, sea.offsets)
+        yield time_s, pose, model.read(model.with_gains(light, sea.gains), rng)
+
+
 def drive(
     estimator: Estimator, duration_s: float, rate_hz: float, rng: np.random.Generator
 ) -> Drive:
     """Drive once through a sea drawn from the scene's prior, with an estimator of the scene."""
-    scene = estimator.scene
-    model = ForwardModel(scene)
-    sea = draw_sea(scene, rng)
-    times_s = np.arange(round(duration_s * rate_hz)) / rate_hz
-    poses = course(times_s, duration_s, rng)
-    pipeline = Pipeline(estimator)
+    pipeline, poses = Pipeline(estimator), []
     tracks: list[tuple[Array, Array] | None] = []
     singles: list[tuple[Array, Array] | None] = []
-    for time_s, pose in zip(times_s, poses, strict=True):
-        (seen,) = apparent(scene, pose[None], sea.aims[None])
-        light = model.light(seen, sea.roll, sea.offsets)
-        image = model.read(model.with_gains(light, sea.gains), rng)
+    for time_s, pose, image in images(estimator.scene, duration_s, rate_hz, rng):
+        poses.append(pose)
         track = pipeline.answer(round((1 + time_s) * 1e9), image).track
         tracks.append((track.pose, track.covariance) if track else None)
         if time_s >= duration_s - LAST_S:
@@ -66,8 +72,9 @@ def drive(
             except NoPose:
                 singles.append(None)
 
-    last = poses[-len(singles) :]
-    return Drive(FrameErrors.untimed(tracks, poses), FrameErrors.untimed(singles, last))
+    truth = np.array(poses)
+    last = truth[-len(singles) :]
+    return Drive(FrameErrors.untimed(tracks, truth), FrameErrors.untimed(singles, last))
 
 
 def figures(drives: Sequence[Drive]) -> dict[str, Any]:

@@ -13,11 +13,10 @@ from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
-from uuv_optical_array.forward.aim import apparent
-from uuv_optical_array.forward.drawn_sea import draw_sea
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ABSORPTION, AMBIENT, GRADIENTS, POWER
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies.drives import images
 from uuv_optical_array.studies.shared.course import course
 
 POSE = np.array([-6.0, 0.2, -0.1, 0.05, -0.04])
@@ -351,15 +350,11 @@ def test_a_track_that_wrong_images_taught_is_found_again_by_right_ones(
 
 def test_images_that_bend_over_all_that_they_leave_call_no_honest_sea_off(compiled_fit):
     """In murky water nearly all do, and the error of the place lasts in what they leave."""
-    estimator, tracked, times_s = Estimator(load_scene("harbour")).wait(), 0, np.arange(600) / 10
-    model = ForwardModel(estimator.scene)
+    estimator, tracked = Estimator(load_scene("harbour")).wait(), 0
     for drawn in (6, 30, 35):
         rng, pipeline = np.random.default_rng((2, drawn)), Pipeline(estimator)
-        sea, poses = draw_sea(estimator.scene, rng), course(times_s, 60.0, rng)
-        for t, pose in zip(times_s, poses, strict=True):
-            (seen,) = apparent(estimator.scene, pose[None], sea.aims[None])
-            light = model.with_gains(model.light(seen, sea.roll, sea.offsets), sea.gains)
-            track = pipeline.answer(round((1 + t) * 1e9), model.read(light, rng)).track
+        for t, _, image in images(estimator.scene, 60.0, 10.0, rng):
+            track = pipeline.answer(round((1 + t) * 1e9), image).track
             if track is not None:
                 tracked += 1
                 assert not track.mismatch

@@ -138,7 +138,7 @@ def ill_conditioned(model, poses, light):
 
 def edge_of_beam(model, poses, light):
     peak = light.max(axis=1)
-    return (peak > 1.5) & (peak < 2.5)
+    return (peak > 3) & (peak < 5)
 
 
 def outside(model, poses, light):

@@ -10,7 +10,7 @@ from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, ndtr, ndtri
+from scipy.special import chdtrc, logsumexp, ndtr, ndtri
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, PITCH, Array, X, turned_about_beam, wrapped
@@ -44,6 +44,8 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import (
     mixture,
 )
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
+from uuv_optical_array.estimation.least_squares.no_lamp import NoLamp
+from uuv_optical_array.estimation.least_squares.posterior import LOG_2PI
 from uuv_optical_array.estimation.least_squares.problem import (
     STEEPEST,
     UNUSUAL,
@@ -83,6 +85,9 @@ LOG_CONSIDERED, LOG_LIKELY = math.log(0.002), math.log(0.2)
 CLEAR = 0.9  # probability beyond which an image counts as clear
 # Pitch, rad, beyond which a fit may have stopped at the steepest on its way to a steeper one.
 STEEP = STEEPEST - 0.03
+# How many times as probable an image must be with the lamp as without it: so at most one of as many
+# images without it has a pose.
+SEEN = 100.0
 # Probability that a lamp is off or hidden, and chance of noise from which a dark one may be.
 LAMP_OFF, LIKELY_DARK = 1e-3, 1e-3
 
@@ -184,10 +189,14 @@ class ImageFit:
             for kind in kinds:  # all are of the same types
                 frame = compilation.entry(ready, kind.problem, *example)
         lineariser, linear = Lineariser(model, constants.names, self._write_linear), None
+        no_lamp = None
         if model.scene.lamps:
             writing = self._pose_precision, self._write_linear
             linear = LinearModel(model, kinds, constants.names, *writing)
+        else:
+            no_lamp = NoLamp(model, kinds, self._pose_prior[0])
         self._kinds, self._linearise, self._frame, self._linear = kinds, lineariser, frame, linear
+        self._no_lamp = no_lamp
         self.compiled = compiled
 
     def _write_linear(
@@ -222,6 +231,8 @@ class ImageFit:
         """
         image, kinds = Image(readings, roll), expecting(self._kinds, uneven)
         found = self._hypotheses(image, kinds, guide or self.guide, faults=guide is None)
+        if self._no_lamp:
+            self._check_seen(self._no_lamp, readings, kinds, found)
         return self._together(image, found, uneven is not None)
 
     def _hypotheses(
@@ -394,6 +405,24 @@ class ImageFit:
             believed=main.frame.weights,
             bent=near is not None and not main.nearly_gaussian,
         )
+
+    def _check_seen(
+        self, no_lamp: NoLamp, readings: Array, kinds: list[FrameKind], found: list[Hypothesis]
+    ) -> None:
+        """Raise `NoPose` for an image that is hardly more probable with the lamp than without."""
+        fitted = [each.log_evidence for each in found if each.frame.outcome == FITTED]
+        if not fitted:
+            return
+        # What the evidence of all frames leaves out of the pose's prior.
+        log_seen = float(logsumexp(fitted)) - float(np.log(self._pose_prior[1]).sum()) - LOG_2PI
+        if log_seen - no_lamp.most(readings) > math.log(SEEN):
+            return
+        log_odds = log_seen - no_lamp.log_evidence(readings, [kind.share for kind in kinds])
+        if log_odds < math.log(SEEN):
+            raise NoPose(
+                f"no light: the image is {math.exp(log_odds):.2g} times as probable with the lamp "
+                f"as with daylight alone, less than {SEEN:g}"
+            )
 
     def _left_out(self, weights: Array) -> tuple[int | None, tuple[tuple[int, int], ...]]:
         """Return the lamp, and the detectors, whose readings are not believed."""

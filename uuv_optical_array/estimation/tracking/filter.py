@@ -167,9 +167,6 @@ class FrameFilter:
         for obeys in (True, False) if self.commanded(frame.stamp_ns) else (False,):
             best, least = None, None
             for event in SHARES:
-                # Such an image tells no dimmer lamp from none.
-                if event == "jump" and frame.bent:
-                    continue
                 # A wider and rarer event is no likelier than a usual motion that fits.
                 if best and best.distance**2 <= -2 * math.log(SHARES[event]):
                     continue

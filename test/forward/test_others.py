@@ -9,6 +9,8 @@ from scenes import READY, changed
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.geometry import relative_pose
+from uuv_optical_array.forward.aim import apparent
+from uuv_optical_array.forward.drawn_sea import draw_sea
 from uuv_optical_array.forward.lamp.lamps import ring_of_lamps
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.others import BODY_LENGTH_M, BODY_RADIUS_M, Other, sight
@@ -70,6 +72,30 @@ def test_lamps_add_up_before_daylight_gains_and_pedestal(name):
     assert min(np.ptp(each - dark) for each in apart) > 20
     found = sight(model, place_of(follower), leader, [other], offsets, 3.0)
     np.testing.assert_allclose(found.light, sum(apart) - dark, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["sunlit_modulated", "leading_lights"])
+def test_a_drawn_sea_turns_what_is_aimed_and_has_the_gains_for_stray_light_too(name):
+    scene = load_scene(name)
+    model, sea = ForwardModel(scene), draw_sea(scene, np.random.default_rng(2))
+    leader, follower = placed(1.0, 2.0, 0.5), placed(-4.0, 2.3, 0.3, (4.0, -3.0, 6.0))
+    other = placed(0.8, 3.4, 0.6, (6.0, -3.0, 11.0), code=1)
+    pose, roll = pose_from(follower, leader)
+    (aimed,) = apparent(scene, pose[None], sea.aims[None])
+    turned = Rotation.from_euler("ZYX", [aimed[4], aimed[3], roll]).as_matrix()
+    dimmed = power_offsets([0.7], scene.lamp_count)
+    both = {
+        key: sea.offsets.get(key, 0.0) + dimmed.get(key, 0.0) for key in {**dimmed, **sea.offsets}
+    }
+    exact = sight(model, (aimed[:3] + leader.position, turned), leader, [other], both, 1.0)
+    found = sight(model, place_of(follower), leader, [other], dimmed, 1.0, sea)
+    gains = np.concatenate([sea.gains] * scene.lamp_count)
+    black = model.noise.black
+    np.testing.assert_allclose(found.light, black + gains * (exact.light - black), rtol=1e-9)
+    np.testing.assert_allclose(found.beside, gains * exact.beside, rtol=1e-9)
+    assert np.ptp(sea.gains) > 0.005
+    assert abs(exact.light - sight(model, place_of(follower), leader).light).max() > 20
+    assert exact.beside.max() > 20
 
 
 @pytest.mark.parametrize("name", ["sunlit_modulated", "leading_lights"])

@@ -7,8 +7,6 @@ from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
 from simulated_seas import ABREAST, BEACON, BEHIND, SEED, Sea, odometry
 
-from uuv_optical_array.forward.aim import apparent
-from uuv_optical_array.forward.drawn_sea import draw_sea
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.others import Other, sight
 from uuv_optical_array.forward.scene import load_scene
@@ -49,23 +47,6 @@ def test_the_image_has_the_lamps_and_bodies_of_others_where_they_were_at_its_sta
     alone = among([], scene, noises[1])
     assert (abs(image - alone).max() > 50) == (not apart)
     lab.report(sea.node, OK)
-
-
-def test_gains_of_a_drawn_sea_are_those_of_stray_light_too(lab):
-    """Of lamps with another frequency, which the node hands to the noise of its readings."""
-    name = "sunlit_modulated"
-    node, scene = Sea(lab, name, draw_sea=True).node, load_scene(name)
-    drawn = draw_sea(scene, np.random.default_rng((SEED, 1)))
-    leader = Other(ABREAST[0], ABREAST[1].as_matrix())
-    other = Other(BESIDE[0], BESIDE[1].as_matrix(), code=1)
-    follower = BEHIND[0], BEHIND[1].as_matrix()
-    found = node.sight(*follower, leader, [other], 1.0)
-    (aimed,) = apparent(scene, np.array([[*BEHIND[0], 0.0, 0.0]]), drawn.aims[None])
-    turned = Rotation.from_euler("ZYX", [aimed[4], aimed[3], 0.0]).as_matrix()
-    core = sight(ForwardModel(scene), (aimed[:3], turned), leader, [other], drawn.offsets, 1.0)
-    assert np.ptp(drawn.gains) > 0.005
-    assert core.beside.min() > 1
-    np.testing.assert_allclose(found.beside, drawn.gains * core.beside, rtol=1e-9)
 
 
 def test_an_other_that_never_speaks_is_left_out_and_told_of(sea_of_two):

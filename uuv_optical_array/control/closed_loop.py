@@ -18,6 +18,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.estimation.pipeline import Answer, Pipeline
 from uuv_optical_array.estimation.tracking.track import RATE
+from uuv_optical_array.forward.drawn_sea import DrawnSea
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.others import Other, sight
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
@@ -32,11 +33,13 @@ class Light(NamedTuple):
     - offsets: of its nuisances, as `ForwardModel.light` has them.
     - others: vehicles with lamps beside leader and followers, in the frame of the lamp to follow
       instead of the world's.
+    - sea: by what the follower's sea differs from the scene beside; ``None``: by nothing.
     """
 
     model: ForwardModel
     offsets: Mapping[str, Array] = MappingProxyType({})
     others: Sequence[Other] = ()
+    sea: DrawnSea | None = None
 
 
 class Swimmer:
@@ -191,7 +194,7 @@ class ClosedLoop:
 
     def _image(self, swimmer: Swimmer, pose: Array, roll: float) -> Array:
         """Return what a follower's array reads of all lamps, each with its code, behind bodies."""
-        model, offsets, others = swimmer.light(self.t_s)
+        model, offsets, others, sea = swimmer.light(self.t_s)
         own, ahead = swimmer.vehicle, self._ahead(swimmer)
         vehicles = [self.leader, *(follower.vehicle for follower in self.followers)]
         known = [
@@ -207,10 +210,10 @@ class ClosedLoop:
             )
             for other in others
         ]
-        if not known:
+        if not known and sea is None:
             return model.read(model.light(pose, roll, offsets, self.t_s), self._rng)
         lamp = Other(ahead.position, ahead.rotation, code=swimmer.ahead)
-        seen = sight(model, (own.position, own.rotation), lamp, known, offsets, self.t_s)
+        seen = sight(model, (own.position, own.rotation), lamp, known, offsets, self.t_s, sea)
         return model.read(seen.light, self._rng, seen.beside)
 
     def _ahead(self, swimmer: Swimmer) -> Vehicle:

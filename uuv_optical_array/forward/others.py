@@ -16,8 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.core.geometry import Array, relative_pose
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, relative_pose, rotation_matrix
 from uuv_optical_array.core.settings import Place
+from uuv_optical_array.forward.aim import apparent
+from uuv_optical_array.forward.drawn_sea import DrawnSea
 from uuv_optical_array.forward.lamp.lamps import AXIS_PITCH, lamps_in_numbers, together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import FLOOR, OWN_FLOOR, POWER, of_lamp, power_offsets
@@ -66,6 +68,7 @@ def sight(
     others: Sequence[Other] = (),
     offsets: Mapping[str, Array] = MappingProxyType({}),
     time_s: float | None = None,
+    sea: DrawnSea | None = None,
 ) -> Sight:
     """Return what a follower's array sees of the leader's lamp and of other vehicles.
 
@@ -83,7 +86,15 @@ def sight(
         As of `ForwardModel.light`; those of power are the leader's alone.
     time_s
         As of `ForwardModel.light`, for all lamps.
+    sea
+        By what all this differs from the model's scene, beside the offsets.
     """
+    if sea is not None:
+        follower = _aimed(model, follower, leader, sea)
+        moved = dict(sea.offsets)
+        for name, offset in offsets.items():
+            moved[name] = offset + moved.get(name, np.zeros(()))
+        offsets = moved
     position, rotation = follower
     vehicles = [leader, *others]
     placed = [relative_pose(each.beacon, each.rotation, position, rotation) for each in vehicles]
@@ -107,7 +118,19 @@ def sight(
         dark = np.zeros_like(light)
         whole = np.concatenate([stray] * count)
         beside = model.on_array(whole, common) - model.on_array(dark, common)
+    if sea is not None:
+        light, beside = model.with_gains(light, sea.gains), np.tile(sea.gains, (count, 1)) * beside
     return Sight(light, beside)
+
+
+def _aimed(
+    model: ForwardModel, follower: tuple[Array, Array], leader: Other, sea: DrawnSea
+) -> tuple[Array, Array]:
+    """Return where a follower would be whose array and leader's lamp were aimed as they should."""
+    pose, roll = relative_pose(leader.beacon, leader.rotation, *follower)
+    (aimed,) = apparent(model.scene, pose[None], sea.aims[None])
+    turned = rotation_matrix(aimed[PITCH], aimed[YAW], roll)
+    return leader.beacon + leader.rotation @ aimed[:PITCH], leader.rotation @ turned
 
 
 def _floors(model: ForwardModel, offsets: Mapping[str, Array], powers: Array) -> dict[str, Array]:

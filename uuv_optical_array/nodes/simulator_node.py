@@ -18,14 +18,13 @@ from sensor_msgs.msg import Image, Range
 from std_msgs.msg import Header
 
 from uuv_optical_array.control.vehicles.trajectory import TooEarly, Trajectory
-from uuv_optical_array.core.geometry import PITCH, YAW, Array, relative_pose, rotation_matrix
+from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.messages import Refused, as_wired, odometry_pose, stamp_ns
 from uuv_optical_array.core.settings import Place, Quantity
 from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS
-from uuv_optical_array.forward.aim import apparent
 from uuv_optical_array.forward.drawn_sea import DrawnSea, draw_sea
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.others import Other, Sight, sight
+from uuv_optical_array.forward.others import Other, sight
 from uuv_optical_array.forward.prior import LAMP_POWER, power_offsets
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared import messages
@@ -194,7 +193,8 @@ class SimulatorNode(Node):
         position, quaternion = odometry_pose(follower, self.axes)
         rotation = Rotation.from_quat(quaternion).as_matrix()
         pose, _ = relative_pose(leader.beacon, leader_rotation, position, rotation)
-        seen = self.sight(position, rotation, leader, others, stamp * 1e-9)
+        place, time_s = (position, rotation), stamp * 1e-9
+        seen = sight(self.model, place, leader, others, self.powers, time_s, self.sea)
         image = self.model.read(seen.light, self.rng, seen.beside)
         place, slash, _ = follower.child_frame_id.rpartition("/")
         frame = self.parameters.frame("array_frame") or f"{place}{slash}array"
@@ -207,23 +207,6 @@ class SimulatorNode(Node):
             self.hand_over(header, pose)
         shown = {"peak_counts": f"{image.max():g}", "range_m": f"{-pose[0]:.2f}"}
         self.diagnostics.answer(stamp, lambda: shown)
-
-    def sight(
-        self, position: Array, rotation: Array, leader: Other, others: list[Other], time_s: float
-    ) -> Sight:
-        """Return what the array sees from a place of the follower in the world, in this sea."""
-        sea, place, offsets = self.sea, (position, rotation), dict(self.powers)
-        if sea is None:
-            return sight(self.model, place, leader, others, offsets, time_s)
-        pose, roll = relative_pose(leader.beacon, leader.rotation, *place)
-        (aimed,) = apparent(self.scene, pose[None], sea.aims[None])
-        turned = rotation_matrix(aimed[PITCH], aimed[YAW], roll)
-        place = leader.beacon + leader.rotation @ aimed[:PITCH], leader.rotation @ turned
-        for name, offset in sea.offsets.items():
-            offsets[name] = offset + offsets.get(name, 0.0)
-        light, beside = sight(self.model, place, leader, others, offsets, time_s)
-        gains = np.concatenate([sea.gains] * self.scene.lamp_count)
-        return Sight(self.model.with_gains(light, sea.gains), gains * beside)
 
     def measure_range(self, range_m: float, follower: Odometry) -> None:
         """Publish the distance from lamp to base_link, with noise, where the next one is due."""

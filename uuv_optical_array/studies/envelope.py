@@ -12,6 +12,7 @@ end and the state does not say that the lamp may be another one.
   uuv_array study envelope                                      every kind, ten seeds each
   uuv_array study envelope --kinds darkness,turn_20 --seeds 3   a group and a kind
   uuv_array study envelope --vehicle bluerov2 --station=-6,0,0
+  uuv_array study envelope --draw-sea                  other lamps, waters, arrays
 Ctrl-C ends it early and reports the kinds it has.
 """
 
@@ -62,15 +63,19 @@ def measure(
     vehicle: Model,
     processes: int | None = None,
     follow: Callable[[FormationSettings], Following] = Following,
+    drawn_sea: bool = False,
 ) -> Iterator[dict[str, Any]]:
-    """Yield the `figures` of each kind, of so many seeds from the `first` on."""
+    """Yield the `figures` of each kind, of so many seeds from the `first` on.
+
+    Where seas are to be drawn, each run has its own, of the scene's prior.
+    """
     scenes = dict.fromkeys(kind.scene for kind in kinds)
     estimators = {scene: Estimator(load_scene(scene)).wait() for scene in scenes}
 
     def work(i: int) -> list[Run]:
         kind = kinds[i // seeds]
         seed = first + i % seeds
-        return run_kind(kind, seed, vehicle, estimators[kind.scene], follow)
+        return run_kind(kind, seed, vehicle, estimators[kind.scene], follow, drawn_sea)
 
     count = len(kinds) * seeds
     runs = progress.over(spread(work, count, processes), "run", count)
@@ -232,6 +237,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_setting(parser, "vehicle", models)
     station = Setting(Place, STATION, FormationSettings.station_m, False)
     options.add_setting(parser, "station", station)
+    about = "draw each run's sea, lamp and array from the scene's prior; else they are the scene's"
+    parser.add_argument("--draw-sea", action="store_true", help=about)
     cores = Quantity("processes that share the runs; default: one for each core", "", 1, 1000)
     options.add_number(parser, "processes", cores, None, int)
     options.add_seed(parser)
@@ -245,14 +252,22 @@ def run(args: argparse.Namespace) -> int:
     with options.checking_options():
         kinds = at_station(kinds_named(args.kinds), FormationSettings(args.station).station_m)
     count, seed, vehicle = args.seeds, args.seed, args.vehicle
-    rows, complete = until_interrupted(measure(kinds, count, seed, vehicle, args.processes))
+    measured = measure(kinds, count, seed, vehicle, args.processes, drawn_sea=args.draw_sea)
+    rows, complete = until_interrupted(measured)
     at = ", ".join(f"{value:g}" for value in args.station)
     runs = "run" if count == 1 else "runs"
-    about = f"{vehicle}, station [{at}] m, {count} {runs} a kind, seeds from {seed}"
+    sea = ", drawn seas" if args.draw_sea else ""
+    about = f"{vehicle}, station [{at}] m{sea}, {count} {runs} a kind, seeds from {seed}"
     save(draw(rows, about), output)
     words = envelope(rows)
     result = {"vehicle": vehicle, "station_m": list(args.station), "seed": seed, "seeds": count}
-    result |= {"complete": complete, "kinds": rows, "envelope": words, "picture": str(output)}
+    result |= {
+        "drawn_sea": args.draw_sea,
+        "complete": complete,
+        "kinds": rows,
+        "envelope": words,
+        "picture": str(output),
+    }
     text = "\n\n".join(
         [about, report(rows), *(["\n".join(words)] if words else []), f"picture: {output}"]
     )

@@ -20,6 +20,7 @@ from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.core.settings import Place
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
+from uuv_optical_array.forward.drawn_sea import DrawnSea, draw_sea
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.others import Other
 from uuv_optical_array.forward.prior import SCATTERING, power_offsets
@@ -126,15 +127,17 @@ def run_kind(
     vehicle: Model,
     estimator: Estimator,
     follow: Callable[[FormationSettings], Following] = Following,
+    drawn_sea: bool = False,
 ) -> list[Run]:
     """Run the loop once in a kind of trouble; return what each follower did.
 
-    The `estimator` is of the kind's scene, `vehicle` a key of `MODELS`, the followers' model.
+    The `estimator` is of the kind's scene, `vehicle` a key of `MODELS`, the followers' model. Where
+    it is to be drawn, the sea of each follower, lamp and array included, is one of the prior's.
     """
     rng = np.random.default_rng(seed)
     if kind.drawn is not None:
         kind = kind.drawn(kind, rng)
-    loop = loop_of(kind, seed, vehicle, estimator, rng, follow)
+    loop = loop_of(kind, seed, vehicle, estimator, rng, follow, drawn_sea)
     steps = [loop.step(STEP_S) for _ in range(round(kind.duration_s / STEP_S))]
     ways = zip(*steps, strict=True)
     return [_recorded(kind, one, list(way)) for one, way in zip(kind.fleet, ways, strict=True)]
@@ -147,6 +150,7 @@ def loop_of(
     estimator: Estimator,
     rng: np.random.Generator,
     follow: Callable[[FormationSettings], Following] = Following,
+    drawn_sea: bool = False,
 ) -> ClosedLoop:
     """Return the closed loop of a kind; arguments as of `run`."""
     leader = Vehicle(np.zeros(3))
@@ -160,7 +164,9 @@ def loop_of(
     for one in kind.fleet:
         place = places[one.ahead] + np.array(one.station_m)
         places.append(place)
-        start = place + kind.start_m
+        start, sea = place + kind.start_m, None
+        if drawn_sea:  # apart from the noise, which is the same in either sea
+            sea = draw_sea(estimator.scene, np.random.default_rng((seed, 1, one.number)))
         if kind.behind_m is not None:
             start[0] = -kind.behind_m
         swimmers.append(
@@ -168,7 +174,7 @@ def loop_of(
                 model(start, yaw=float(np.radians(kind.turned_deg))),
                 Pipeline(estimator),
                 follow(_law(one.station_m, model.limits)),
-                partial(_light, kind, one.number, clear, cloudy),
+                partial(_light, kind, one.number, clear, cloudy, sea),
                 one.ahead,
                 imu,
                 # Its own noise: the images of a kind are those of its twin without a modem.
@@ -212,7 +218,14 @@ def _models(kind: Kind, estimator: Estimator, seed: int) -> tuple[ForwardModel, 
     return clear, clouded(scene, kind.plume, seed) if kind.plume else clear
 
 
-def _light(kind: Kind, number: int, clear: ForwardModel, cloudy: ForwardModel, t_s: float) -> Light:
+def _light(
+    kind: Kind,
+    number: int,
+    clear: ForwardModel,
+    cloudy: ForwardModel,
+    sea: DrawnSea | None,
+    t_s: float,
+) -> Light:
     """Return the light of an instant."""
     power = at(kind.lamp, t_s) if kind.lamp else 1.0
     if kind.dark(number, t_s):
@@ -224,7 +237,8 @@ def _light(kind: Kind, number: int, clear: ForwardModel, cloudy: ForwardModel, t
     if kind.scattering:
         offsets[SCATTERING] = np.log(at(kind.scattering, t_s))
     model = cloudy if kind.since_s <= t_s < kind.until_s else clear
-    return Light(model, offsets, [one for other in kind.others for one in other.vehicle(t_s)])
+    others = [one for other in kind.others for one in other.vehicle(t_s)]
+    return Light(model, offsets, others, sea)
 
 
 def _recorded(kind: Kind, one: Follower, way: Sequence[Instant]) -> Run:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
+from scenes import ready
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
@@ -106,6 +107,19 @@ def test_an_image_without_a_pattern_is_an_empty_cloud_with_the_images_header(
     feeder.send(images[0], 2)
     feeder.check_answer(images[0], 2)
     feeder.lab.report(feeder.node, OK)
+
+
+def test_daylight_as_bright_as_it_may_be_is_an_empty_cloud(lab):
+    scene, rng = ready("follow"), np.random.default_rng(3)
+    model, feeder = ForwardModel(scene), Feeder(lab, scene, "follow")
+    daylight = model.read(np.full((5, 5), 8.0), rng)  # by a standard deviation of 5 counts
+    assert daylight.max() > 8
+    feeder.send(daylight, 1)
+    assert feeder.cloud(1).width == 0
+    feeder.lab.report(feeder.node, WARN, f"no light: daylight alone may read {daylight.max():g}")
+    dim = daylight + model.light([-10.0, 0, 0, 0, 0]).round()
+    feeder.send(dim, 2)
+    feeder.check_answer(dim, 2)
 
 
 def test_the_least_peak_can_be_given_at_the_start_and_set_while_the_node_runs(

@@ -226,6 +226,37 @@ def test_a_seed_repeats_a_run_and_another_has_other_noise():
 
 
 @pytest.mark.usefixtures("compiled_fit")
+def test_in_the_dark_a_follower_does_not_take_brighter_daylight_for_its_leader():
+    """In drawn seas whose daylight is brighter than the scene's, as by seeds 1 and 2."""
+    estimator = Estimator(load_scene("follow")).wait()
+    kind = dataclasses.replace(BY_NAME["dark_10_straight"], duration_s=45.0)
+    for seed in (1, 2):
+        (one,) = run_kind(kind, seed, "kinematic", estimator, drawn_sea=True)
+        dark = one.dark & (one.t_s > 16.5)
+        assert {one.states[i] for i in np.flatnonzero(dark)} <= {"coasting", "searching"}
+        assert np.isnan(one.errors[dark]).all()
+        assert one.off_m.max() < 4
+        assert closed_loop_figures.outcome(one, kind.until_s) != "lost"
+
+
+@pytest.mark.usefixtures("compiled_fit")
+def test_a_drawn_sea_is_drawn_by_the_seed_and_the_same_noise_is_in_both():
+    kind, rngs = BY_NAME["formation_3"], [np.random.default_rng(1) for _ in range(3)]
+    estimator = Estimator(load_scene("formation"), "sam")
+    exact, drawn, again = (
+        loop_of(kind, 1, "kinematic", estimator, rng, drawn_sea=way)
+        for rng, way in zip(rngs, (False, True, True), strict=True)
+    )
+    seas = [one.light(0.0).sea for one in drawn.followers]
+    assert [one.light(0.0).sea for one in exact.followers] == [None] * 3
+    for sea, other in zip(seas, (one.light(0.0).sea for one in again.followers), strict=True):
+        np.testing.assert_array_equal(sea.gains, other.gains)
+    assert len({float(sea.gains[0, 0]) for sea in seas}) == 3
+    images = [loop.step(0.1)[0].image for loop in (exact, drawn)]
+    assert 0 < abs(images[1] - images[0]).max() < 0.5 * images[0].max()
+
+
+@pytest.mark.usefixtures("compiled_fit")
 def test_the_command_prints_the_same_as_text_and_as_json_and_draws(tmp_path):
     picture = tmp_path / "e.png"
     answer = json_of(run, "--kinds", "nothing", "--seeds", 1, "--output", picture)
@@ -243,7 +274,7 @@ def test_the_command_prints_the_same_as_text_and_as_json_and_draws(tmp_path):
 def test_an_interrupt_keeps_the_kinds_that_it_has(monkeypatch, table_of_follow):
     left = iter(range(3))
 
-    def stub(kind, seed, vehicle, estimator, follow):
+    def stub(kind, seed, vehicle, estimator, follow, drawn_sea):
         if next(left, None) is None:
             raise KeyboardInterrupt
         return [planted(np.zeros(60))]

@@ -171,7 +171,8 @@ class ClosedLoop:
             with suppress(ValueError):  # it is refused
                 swimmer.following.leader_moves(self.t_s, message)
         answer = swimmer.pipeline.answer(stamp_ns, image, swimmer.roll)
-        swimmer.following.looked(self.t_s, glow(image, swimmer.pipeline.least_counts))
+        lit = swimmer.pipeline.lit(image)
+        swimmer.following.looked(self.t_s, glow(image) if lit else None)
         track = answer.track
         if track is not None:
             try:
@@ -221,10 +222,8 @@ class ClosedLoop:
         return self.followers[swimmer.ahead - 1].vehicle if swimmer.ahead else self.leader
 
 
-def glow(image: Array, least_counts: float) -> Glow | None:
-    """Return where an image, ``(side, side)``, is brightest; ``None`` where it is dark."""
-    if image.max() < least_counts:
-        return None
+def glow(image: Array) -> Glow:
+    """Return where an image, ``(side, side)``, is brightest."""
     row, column = np.unravel_index(int(image.argmax()), image.shape)
     half = max((image.shape[1] - 1) / 2, 0.5)
     return Glow(

@@ -8,6 +8,7 @@ import numpy as np
 from uuv_optical_array.core.errors import NoPose, expect
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import Estimate, Estimator
+from uuv_optical_array.estimation.signature.daylight import Daylight
 from uuv_optical_array.estimation.signature.features import FeatureSettings, no_pattern
 from uuv_optical_array.estimation.signature.plausibility import FrozenFrames
 from uuv_optical_array.estimation.tracking.doubted_detectors import DoubtedDetectors
@@ -66,7 +67,8 @@ class Pipeline:
     ) -> None:
         expect(estimator, Estimator, "estimator", "Estimator(scene)")
         self.least_counts = min_peak_counts + estimator.scene.black_counts
-        self._frozen = FrozenFrames(ForwardModel(estimator.scene))
+        model = ForwardModel(estimator.scene)
+        self._frozen, self._daylight = FrozenFrames(model), Daylight(model)
         self.estimator = estimator
         self.track_with(tracking)
 
@@ -88,6 +90,10 @@ class Pipeline:
         """Tell the tracker a range from elsewhere; arguments and errors of `Tracker.range`."""
         if self.tracker is not None:
             self.tracker.range(stamp_ns, range_m, std_m)
+
+    def lit(self, image: Array) -> bool:
+        """Say whether an image, ``(side, side)``, shows light, with a pose or without."""
+        return bool(image.max() >= self.least_counts) and not self._daylight.explains(image)
 
     def check(self, image: Array) -> None:
         """Raise NoPose for an image, ``(side, side)``, without a lamp or the same as before."""

@@ -11,12 +11,14 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.messages import image_from_message, stamp_ns
+from uuv_optical_array.estimation.signature.daylight import Daylight
 from uuv_optical_array.estimation.signature.features import (
     FeatureSettings,
     no_pattern,
     scene_parameters,
 )
 from uuv_optical_array.estimation.signature.plausibility import check_full_scale
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared import messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
@@ -46,6 +48,7 @@ class FeatureNode(Node):
         super().__init__("feature_node", **options)
         self.parameters = Parameters(self, PARAMETERS)
         self.scene = load_scene(self.parameters["scene"])
+        self.daylight = Daylight(ForwardModel(self.scene))
         self.order = messages.StampOrder()
         self.diagnostics = Diagnostics(self)
         self.features = publish(self, PointCloud2, "array/features")
@@ -80,7 +83,10 @@ class FeatureNode(Node):
         """Return those of an image, shape ``(5,)``; ``None`` and a refusal without light."""
         check_full_scale(float(image.max()), self.scene)
         least = self.parameters["min_peak_counts"] + self.scene.black_counts
-        if no_light := no_pattern(image, least):
+        no_light = no_pattern(image, least)
+        if not no_light and self.daylight.explains(image):
+            no_light = f"no light: daylight alone may read {image.max():g} counts"
+        if no_light:
             self.diagnostics.refuse(no_light)
             return None
         return scene_parameters(image, self.scene)

@@ -35,7 +35,7 @@ OUT = power_offsets([0.0], 1)
 def no_lamp_of(scene):
     model = ForwardModel(scene)
     kinds = frame_kinds(model, *pose_prior(scene))
-    return model, kinds, NoLamp(model, kinds, POSE)
+    return model, kinds, NoLamp(model, kinds)
 
 
 def in_the_dark(scene, rng):

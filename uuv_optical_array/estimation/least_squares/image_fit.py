@@ -189,14 +189,11 @@ class ImageFit:
             for kind in kinds:  # all are of the same types
                 frame = compilation.entry(ready, kind.problem, *example)
         lineariser, linear = Lineariser(model, constants.names, self._write_linear), None
-        no_lamp = None
         if model.scene.lamps:
             writing = self._pose_precision, self._write_linear
             linear = LinearModel(model, kinds, constants.names, *writing)
-        else:
-            no_lamp = NoLamp(model, kinds, self._pose_prior[0])
         self._kinds, self._linearise, self._frame, self._linear = kinds, lineariser, frame, linear
-        self._no_lamp = no_lamp
+        self._no_lamp = None if model.scene.lamps else NoLamp(model, kinds)
         self.compiled = compiled
 
     def _write_linear(

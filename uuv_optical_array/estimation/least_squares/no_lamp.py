@@ -9,11 +9,11 @@ from scipy.special import logsumexp
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.likelihood import log_likelihood
-from uuv_optical_array.estimation.information.linearised import write_linear
 from uuv_optical_array.estimation.least_squares.frame_kinds import FrameKind
+from uuv_optical_array.forward.daylight import without_lamps
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.noise import reading_variance
-from uuv_optical_array.forward.prior import DAYLIGHT, power_offsets
+from uuv_optical_array.forward.prior import DAYLIGHT
 
 STEPS = 3  # of Gauss and Newton: readings at zero, or of photons, are not quite Gaussian
 
@@ -25,16 +25,12 @@ class NoLamp:
     Gaussian.
 
     - model, kinds: of the scene.
-    - at: any pose of a follower, m and rad, shape ``(5,)``.
     """
 
-    def __init__(self, model: ForwardModel, kinds: Sequence[FrameKind], at: Array) -> None:
+    def __init__(self, model: ForwardModel, kinds: Sequence[FrameKind]) -> None:
         self._noise = kinds[0].problem.noise
-        out, names = power_offsets([0.0], 1), [name for name in DAYLIGHT if name in kinds[-1].names]
-        place = np.concatenate([at, list(out.values()), np.zeros(len(names))])
-        linear = np.empty((1 + len(place) + 3, len(kinds[0].problem.readings)))
-        write_linear(model.optics((*out, *names)), self._noise, linear[0], place, 0.0, linear)
-        self._light, slopes = linear[0].copy(), linear[6 + len(out) : -3]
+        names = [name for name in DAYLIGHT if name in kinds[-1].names]
+        self._light, slopes = without_lamps(model, names)
         self._even, _ = np.linalg.qr(np.vstack([np.ones(slopes.shape[1]), slopes]).T)
         self._daylight: list[tuple[Array, Array]] = []
         for kind in kinds:

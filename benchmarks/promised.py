@@ -228,9 +228,10 @@ def damaged(content: bytes, kind: int, rng: np.random.Generator) -> bytes:
 
 
 @cache
-def closed_loop(names: str) -> Figures:
+def closed_loop(names: str, drawn_sea: bool = False) -> Figures:
     """Return what became of followers in kinds of trouble of `study envelope`, between commas."""
-    rows = list(envelope.measure(troubles_named(names), SEEDS, SEED, "kinematic"))
+    kinds = troubles_named(names)
+    rows = list(envelope.measure(kinds, SEEDS, SEED, "kinematic", drawn_sea=drawn_sea))
     return {
         "lost": sum(row["lost"] for row in rows),
         "off": max(row["off_m"] for row in rows),

@@ -62,12 +62,14 @@ YARDSTICKS = {"least_squares, reference": 30, "least_squares, follow": 50, "four
 YARDSTICKS |= {"planar 5 x 5": 110, "sam, held to the image": 61}
 
 
-def loops(what: str, kinds: str, *asked: tuple[str, float, str]) -> Iterator[Promise]:
+def loops(
+    what: str, kinds: str, *asked: tuple[str, float, str], drawn_sea: bool = False
+) -> Iterator[Promise]:
     """Yield what is promised of followers in some kinds of trouble of ``study envelope``."""
     words = {"lost": "lost", "off": "farthest off", "false": "share of false tracks"}
     words |= {"steered": "false tracks steered by", "silent": "followed in silence"}
     for key, bound, unit in asked:
-        measure = partial(promised.closed_loop, kinds)
+        measure = partial(promised.closed_loop, kinds, drawn_sea)
         yield Promise("loops", f"{what}: {words[key]}", bound, unit, "envelope", measure, key)
 
 
@@ -127,6 +129,9 @@ PROMISES = (
     *loops("an equal lamp, as ours goes out", "other_out,other_instead,other_out_10",
            ("silent", 0, "")),
     *loops("light returns dimly", "dim_aside,dim_turned", ("steered", 0, "")),
+    *loops("drawn seas: still, dark for 10 and 20 s, lamp dimmed", "nothing,dark_10_path,"
+           "dark_20_straight,dark_20_stopped,lamp_0.8", ("lost", 0, ""), ("false", 0.001, ""),
+           drawn_sea=True),
     *loops("formation of four", "formation_4", ("lost", 0, ""), ("off", 0.2, "m")),
 )
 # fmt: on

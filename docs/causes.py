@@ -6,7 +6,9 @@ What to do about each stands in ``uuv_optical_array/nodes/shared/reasons.py``.
 _OLD_CLOCK = "The stamps are of another clock than the node's."
 
 CAUSES = {
-    "no light": "No detector reads `min_peak_counts`: lamp off, hidden or too far.",
+    "no light": (
+        "No detector reads `min_peak_counts`, or it may be daylight: lamp off, hidden or too far."
+    ),
     "no pattern": (
         "All detectors read the same, dark or full scale: lamp too near, array shorted, daylight."
     ),

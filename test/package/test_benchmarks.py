@@ -97,5 +97,5 @@ def test_every_promise_is_one_of_figures_that_are_measured():
         measure = getattr(promise.measure, "func", promise.measure)
         assert vars(promised)[measure.__name__] is measure, promise.what
         if measure is promised.closed_loop:
-            closed_loop_kinds.kinds_named(*promise.measure.args)
+            closed_loop_kinds.kinds_named(promise.measure.args[0])
     assert len({promise.what for promise in promises.PROMISES}) == len(promises.PROMISES)

@@ -5,6 +5,7 @@ import pytest
 from command_line import run, text_of
 from needs import rosbags
 from scenes import changed, ready, with_prior
+from scipy.stats import norm
 
 from uuv_optical_array.core.geometry import wrapped
 from uuv_optical_array.estimation.estimator import Estimator
@@ -39,6 +40,23 @@ def test_the_range_of_one_detector_is_that_of_the_inverse_square():
         std = np.sqrt(found.covariance[0, 0])
         assert std == pytest.approx(SIGMA * r**3 / (2 * power), rel=1e-3)
         assert np.abs(found.pose[1:]).max() < 1e-6
+
+
+@pytest.mark.parametrize("off", [0.5, 3.0, 5.0])
+def test_the_misfit_of_one_reading_is_the_chance_of_a_normal_number(off):
+    """At a known pose, with one degree of freedom; a range that is sought leaves none."""
+    scene = changed(ready("ideal"), effects={"sensor_noise": {"sigma_counts": SIGMA}})
+    fit, pose = fit_of(scene, ONE), np.array([-5.0, 0, 0, 0, 0])
+    image = np.zeros((2, 2))
+    image[0, 0] = ForwardModel(scene).power / 25 + off * SIGMA
+    found = fit.one(image, pose, EXACT, 0.0)
+    # What 1 um may add to the noise is less than a thousandth of it.
+    assert found.misfit == pytest.approx(2 * norm.sf(off), rel=0.01)
+    assert found.reason == ("outlier: residuals too large" if found.misfit < 1e-5 else "")
+    pose[0] = np.nan
+    sought = fit.one(image, pose, EXACT, 0.0)
+    assert not sought.reason
+    assert np.isnan(sought.misfit)
 
 
 def test_what_one_detector_cannot_tell_is_named():

@@ -127,7 +127,7 @@ class PoseFit:
         count = GRID[len(which)]
         axes = [np.linspace(self._low[i], self._high[i], count) for i in which]
         poses: Array = np.tile(mean[:5], (count ** len(which), 1))
-        poses[:, which] = np.array(list(product(*axes))).reshape(-1, len(which))
+        poses[:, which] = np.array(list(product(*axes)))
         noise, asked = self._model.noise, np.append(mean, unknown)
         if self._seen is None or not np.array_equal(self._seen[0], asked):
             self._seen = asked, self._model.light(poses, float(mean[5])).reshape(len(poses), -1)

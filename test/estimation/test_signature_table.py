@@ -205,6 +205,8 @@ def test_a_grid_without_any_light_is_refused():
     for make in (build_table, Estimator):
         with pytest.raises(ValueError, match=r"scene changed: no pose of .* has 1 count .*; move"):
             make(scene_with(x_m=[2.0, 4.0, 2]))
+    with pytest.raises(ValueError, match=r"scene changed: no pose of .* has 2000 count .*; move"):
+        build_table(scene_with(), 2000.0)  # more than full scale
 
 
 def test_a_table_too_large_for_the_machine_is_refused_with_the_figures():

@@ -159,7 +159,9 @@ def test_a_bag_whose_images_are_late_is_calibrated_at_their_times(tmp_path):
     assert abs(off) < 4 * found.prior.scattering_std
 
 
-def test_a_bag_is_calibrated_by_a_table_of_poses_in_place_of_odometries(bag, tmp_path):
+def test_a_bag_is_calibrated_by_a_table_of_poses_in_place_of_odometries(recorded, tmp_path):
+    images = [(topic, data) for topic, data in recorded if topic == IMAGE]
+    bag = write_bag(tmp_path / "images", images, "MCAP")
     seconds = np.arange(1.0, 1.3 + SECONDS, 0.02)
     told = [(*pose[:3], *np.degrees([*pose[3:], roll])) for pose, roll in map(relative_at, seconds)]
     rows = [",".join(f"{x:.9g}" for x in (t, *row)) for t, row in zip(seconds, told, strict=True)]

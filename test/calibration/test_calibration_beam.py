@@ -7,7 +7,7 @@ from calibrated_seas import drive, named, recorded, sea, seen
 from scenes import changed, ready
 
 from uuv_optical_array.calibration.calibrate import calibrate
-from uuv_optical_array.calibration.fit.beam_shape import missing_shape, residuals_by_angle
+from uuv_optical_array.calibration.fit.beam_shape import BINS, missing_shape, residuals_by_angle
 from uuv_optical_array.calibration.fit.fit import CalibrationFit
 from uuv_optical_array.calibration.likelihood.likelihood import CalibrationLikelihood
 from uuv_optical_array.calibration.likelihood.parameters import SHAPE, Layout
@@ -157,6 +157,14 @@ def test_residuals_are_told_by_the_angle_off_the_axis():
     plain = calibrate(scene, model.expose(poses, rng, rolls), poses, rolls, hold=[*names, "gains"])
     assert plain.by_angle.share == 0
     assert (np.abs(plain.by_angle.relative) < 5 * plain.by_angle.std).all()
+    # A reading is lit from three standard deviations on, of noise and of rounding to a count.
+    light, noise = model.light(poses, rolls), np.sqrt(1 + 1 / 12)
+    lit = (light > 3 * noise) & (light < 1023 - 5 * noise)
+    groups = np.array_split(np.flatnonzero(lit)[np.argsort(angles[lit])], BINS)
+    expected = [angles.flat[group].mean() for group in groups]
+    np.testing.assert_allclose(plain.by_angle.angles_deg, expected, rtol=1e-3)
+    expected = [noise / np.sqrt((light.flat[group] ** 2).sum()) for group in groups]
+    np.testing.assert_allclose(plain.by_angle.std, expected, rtol=0.01)
 
 
 def fitted(scene, images, poses, rolls, shape):

@@ -154,6 +154,13 @@ def test_it_costs_to_know_less_of_the_sea_and_stays_honest(scene_file, tmp_path)
     assert matplotlib.image.imread(picture).shape[2] == 4
     for row, line in zip(rows, accuracy.comparison(rows).splitlines()[2:], strict=True):
         assert line.split()[:2] == [row["known"], f"{row['rms_error']['x_m']:.3f}"]
+    # Fewer poses: the text has a line for each row, and one for each setting that costs something.
+    words = ("--scene", scene_file, "--known", tmp_path / "few.png", "--poses", 4)
+    head, compared, costs, end = text_of(run, *words).strip().split("\n\n")
+    assert "4 random poses" in head
+    assert [line.split()[0] for line in compared.splitlines()[2:]] == [row["known"] for row in rows]
+    assert [line.split("  ")[0] for line in costs.splitlines()[2:]] == list(answer["costs"])
+    assert end == f"picture: {tmp_path / 'few.png'}"
 
 
 def test_the_cost_of_a_setting_is_what_the_bound_gains_where_it_is_known():

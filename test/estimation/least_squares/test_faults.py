@@ -143,6 +143,23 @@ def test_a_row_behind_the_hull_is_left_out_as_a_whole(estimator):
     assert false <= 4  # one in forty is; five standard deviations
 
 
+@pytest.mark.parametrize(("left", "most"), [(0.6, 0.1), (0.7, 0.15)])
+def test_a_row_that_a_hull_dims_is_as_likely_as_the_neighbours_alone(estimator, left, most):
+    """Else those of it that nearly fit are believed, and every fifth answer is false."""
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(10)
+    poses = lit_poses(model, 100, rng)
+    light = model.light(poses)
+    light[:, -1] *= left
+    answered, false = 0, 0
+    for pose, image in zip(poses, model.read(light, rng), strict=True):
+        with suppress(NoPose):
+            estimate = estimator.estimate(image)
+            off = np.abs(estimate.pose - pose) / np.sqrt(estimate.covariance.diagonal())
+            answered, false = answered + 1, false + (off > 6).any()
+    assert answered > 40
+    assert false <= most * answered
+
+
 def clear_problem(estimator):
     return kinds_of(ForwardModel(estimator.scene))[0].problem
 

@@ -20,6 +20,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.working_volume import lit_poses
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +119,22 @@ def test_every_frame_between_the_lamp_and_the_table_has_its_pose(estimator):
     poses = rng.uniform([-2.5, -0.1, -0.1, -0.1, -0.1], [-1.5, 0.1, 0.1, 0.1, 0.1], (30, 5))
     poses[:, 1:3] *= -poses[:, :1]  # in a cone
     assert answered(estimator, poses, rng) == 30
+
+
+def test_one_detector_below_full_scale_leaves_a_pose(compiled_fit):
+    """Full steps to all else at an attitude overshoot there: the others have no slope."""
+    bright = Estimator(changed("reference", lamp={"reference_counts": 2e4})).wait()
+    model, rng = ForwardModel(bright.scene), np.random.default_rng(5)
+    poses = lit_poses(model, 150, rng)
+    light = model.light(poses)
+    poses = poses[np.sum(light < 1000, axis=(1, 2)) == 1]
+    far = []
+    for pose, image in zip(poses, model.expose(poses, rng), strict=True):
+        with suppress(NoPose):
+            far.append(distance(bright, image, pose).max())
+    assert len(poses) > 25
+    assert len(far) > 0.8 * len(poses)
+    assert max(far) < 6
 
 
 @pytest.fixture(scope="module")

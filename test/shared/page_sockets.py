@@ -2,7 +2,9 @@
 
 from urllib.parse import urlsplit
 
+import msgspec.msgpack  # it, websockets and zstandard come with viser
 import viser
+import zstandard
 from websockets.sync.client import connect
 
 
@@ -16,3 +18,9 @@ def socket_of(url, path=None, **options):
         max_size=None,
         **options,
     )
+
+
+def messages_in(frame):
+    """Return the messages of a frame, which a page applies at once."""
+    packed = frame[16 : 16 + int.from_bytes(frame[8:16], "little")]
+    return msgspec.msgpack.decode(zstandard.decompress(packed))["messages"]

@@ -7,13 +7,12 @@ import urllib.request
 from contextlib import suppress
 from urllib.parse import urlsplit
 
-import msgspec.msgpack  # it, websockets and zstandard come with viser
+import msgspec.msgpack  # it and websockets come with viser
 import pytest
-import zstandard
 from conftest import PATIENCE_S
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from page_sockets import socket_of
+from page_sockets import messages_in, socket_of
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from uuv_optical_array.view.closed_loop import Conditions
@@ -41,10 +40,7 @@ def uuids_of_sliders(socket, count):
     """Return how so many sliders of a page are called in its messages, by their labels."""
     uuids = {}
     while len(uuids) < count:
-        frame = socket.recv(timeout=PATIENCE_S)
-        packed = frame[16 : 16 + int.from_bytes(frame[8:16], "little")]
-        told = msgspec.msgpack.decode(zstandard.decompress(packed))
-        for message in told["messages"]:
+        for message in messages_in(socket.recv(timeout=PATIENCE_S)):
             if message["type"] == "GuiSliderMessage":
                 uuids[message["props"]["label"]] = message["uuid"]
     return uuids

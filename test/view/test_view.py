@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 import urllib.request
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -19,7 +20,7 @@ import viser
 from conftest import PATIENCE_S
 from hypothesis import given
 from hypothesis import strategies as st
-from page_sockets import socket_of
+from page_sockets import messages_in, socket_of
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.commands.view import address
@@ -169,6 +170,47 @@ def test_no_browser_opens_a_tunnel_to_the_internet(scene, monkeypatch):
         page.close()
         plain.stop()
     assert asked == [plain]  # as where nothing forbids it
+
+
+def test_a_browser_hears_nothing_of_an_instant_until_all_of_it_is_told(scene, monkeypatch):
+    servers, halfway = [], []
+
+    class Known(viser.ViserServer):
+        def __init__(self, *words, **options):
+            super().__init__(*words, **options)
+            servers.append(self)
+
+    def followers(frame):
+        """Return where the messages of a frame place the follower."""
+        named = [each for each in messages_in(frame) if each.get("name") == "/follower"]
+        return [each["position"] for each in named if "position" in each]
+
+    def await_follower(socket, place):
+        while pytest.approx(place) not in followers(socket.recv(timeout=PATIENCE_S)):
+            pass
+
+    monkeypatch.setattr(viser, "ViserServer", Known)
+    page = Page(scene, "a test", port=18500)
+    try:
+        with socket_of(page.url) as socket:
+            page.show(sight(0.0))
+            await_follower(socket, TRUE[:3].tolist())
+
+            def slow_words(*given):
+                for _ in range(20):  # whatever there is to send is sent by then
+                    servers[0].flush()
+                    assert socket.ping().wait(PATIENCE_S)
+                with suppress(TimeoutError):
+                    while True:
+                        halfway.extend(followers(socket.recv(timeout=0)))
+                return words(*given)
+
+            monkeypatch.setattr("uuv_optical_array.view.page.words", slow_words)
+            page.show(sight(0.1, true_pose=TRUE + 1.0))
+            assert not halfway
+            await_follower(socket, (TRUE[:3] + 1.0).tolist())
+    finally:
+        page.close()
 
 
 def test_the_page_is_for_this_machine_only(page):

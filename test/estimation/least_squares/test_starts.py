@@ -1,10 +1,15 @@
 """Where fits start, and large arrays by few of their detectors."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from fits import CountedProblem, guide_to, kinds_of
-from scenes import changed
+from scenes import changed, ready
 
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import wrapped
+from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame import (
     BELIEVED,
     NOTHING,
@@ -18,6 +23,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     INFORMATION,
     evaluate,
     light_at,
+    lit,
     refine,
     settle,
     start_at,
@@ -30,6 +36,8 @@ from uuv_optical_array.estimation.least_squares.thinned import (
     thinned_blur,
     thinned_optics,
 )
+from uuv_optical_array.forward.aim import apparent
+from uuv_optical_array.forward.drawn_sea import draw_sea
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import lit_poses
 
@@ -93,6 +101,35 @@ def test_starts_of_a_large_array_are_compared_by_few_detectors_whose_light_they_
     # The signature of an image is that of its start.
     of_start = Image(images[0].ravel(), 0.0).problem(kinds_of(model)[0])
     np.testing.assert_allclose(direction(of_start.readings, guide), guide.units[:, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("yaw_deg", [80, 90, 100, -105])
+def test_an_array_that_looks_past_its_lamp_sees_it_by_the_edge_and_takes_it_for_no_nearer_one(
+    yaw_deg, compiled_fit
+):
+    scene, rng = ready("follow"), np.random.default_rng(5)
+    model, estimator = ForwardModel(scene), Estimator(scene).wait()
+    far = []
+    for _ in range(40):
+        sea, pose = draw_sea(scene, rng), np.array([-4.5, 0.2, 0.1, 0.05, np.radians(yaw_deg)])
+        (seen,) = apparent(scene, pose[None], sea.aims[None])
+        light = model.with_gains(model.light(seen, 0.0, sea.offsets), sea.gains)
+        with suppress(NoPose):
+            found = estimator.estimate(model.read(light, rng))
+            off = wrapped(found.pose - pose) / np.sqrt(found.covariance.diagonal())
+            far.append(abs(off).max())
+    assert len(far) >= 36
+    assert np.mean(np.array(far) > 6) < 0.05  # nine of ten at 100 deg, by starts that all face it
+
+
+@pytest.mark.parametrize(("level", "count"), [(0.0, 5), (30.0, 5)])
+def test_what_daylight_may_read_is_not_lit(level, count):
+    ambient = {"effects": {"ambient": {"level_counts": level}}}
+    scene = changed("follow", **ambient, prior={"known": "exactly", "ambient_std_counts": 5.0})
+    problem = kinds_of(ForwardModel(scene))[0].problem
+    readings = np.full(25, level + 14.0)
+    readings[:count] = level + 17.0
+    assert lit(readings, problem.noise, problem.dark_counts) == count
 
 
 @pytest.mark.parametrize(("side", "seed"), [(21, 1), (51, 2), (51, 3)])

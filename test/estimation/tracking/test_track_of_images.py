@@ -213,10 +213,11 @@ def test_a_track_goes_on_through_images_that_are_far_from_linear(estimator):
             pose = np.array([-5 * np.cos(aside), 5 * np.sin(aside), 0.2, 0.05, yaw])
             image = model.read(model.with_gains(model.light(pose, 0.0, sea), gains), rng)
             estimate, track = pipeline.answer((k + 10) * 100_000_000, image)[1:3]
-            if k >= 80:
+            if k >= 80 and estimate is not None:
                 bent.append(estimate.bent)
                 squares.append(squared_error(track, pose))
                 errors.append((track.pose - pose, estimate.pose - pose))
+    assert len(bent) >= 357  # of 360; of a few the best fit pitches too steeply
     assert np.mean(bent) > 0.9
     tracked, single = np.sqrt(np.mean(np.square(errors), axis=0))
     assert (tracked[[YAW, X]] < 0.6 * single[[YAW, X]]).all()

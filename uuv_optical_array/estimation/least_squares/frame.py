@@ -46,8 +46,8 @@ from uuv_optical_array.estimation.least_squares.starts import (
 from uuv_optical_array.estimation.least_squares.thinned import thinned
 from uuv_optical_array.estimation.unknowns.coordinates import to_lamp
 
-# Up to this many lit detectors fit many poses, and this many starts are tried for them.
-FEW_LIT, MOST_STARTS = 10, 64
+# Fewer lit detectors than these fit many poses, and this many starts are tried for them.
+FEW_LIT, MOST_STARTS = 13, 64
 # Fits closer together than this, in standard deviations, are in one minimum.
 DISTINCT = 3.0
 # Minima that are this much less probable, as a logarithm, are negligible.
@@ -176,7 +176,7 @@ def search_few(given: Problem, guide: Guide, unit: Array, nearest: Any) -> list[
 
 def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> list[State]:
     """Return what `find_minima` does, by the readings that the guide is of."""
-    few = not guide.gaussian and lit(problem.readings, problem.noise) < FEW_LIT
+    few = not guide.gaussian and lit(problem.readings, problem.noise, problem.dark_counts) < FEW_LIT
     rows, count, steps = nearest, guide.candidates, MOST_STEPS
     if few:
         count, steps = min(MOST_STARTS, guide.units.shape[1]), FEW_STEPS

@@ -30,10 +30,11 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     to_lamp,
     write_slopes,
 )
+from uuv_optical_array.forward.daylight import without_lamps
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.noise import ReadingNoise, reading_variance
 from uuv_optical_array.forward.optics import Optics, detect, write_light
-from uuv_optical_array.forward.prior import of_lamp
+from uuv_optical_array.forward.prior import AMBIENT, of_lamp
 
 MAX_STEP = 0.3  # in every coordinate: beyond it the linear model is not valid
 STEEPEST = np.pi / 3  # pitch of a vehicle, rad
@@ -58,6 +59,7 @@ class Problem(NamedTuple):
     - nuisance_mean, nuisance_precision: of the prior of the nuisances, ``(q,)`` and ``(q, q)``.
     - reach: longest step of a fit by coordinate, shape ``(p,)``.
     - spans: where the readings that each unknown changes begin and end, shape ``(p, 2)``.
+    - dark_counts: up to which a reading may show no lamp, only daylight and noise.
     - readings: counts, finite, shape ``(n,)``.
     - weights: how far each reading counts, from 0 for none to 1, shape ``(n,)``.
     - roll: of the follower, rad.
@@ -72,6 +74,7 @@ class Problem(NamedTuple):
     nuisance_precision: Array
     reach: Array
     spans: Any
+    dark_counts: float
     readings: Array
     weights: Array
     roll: float
@@ -121,15 +124,23 @@ def problem_of(
         np.diag(1 / np.square(nuisance_std)),
         np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std]),
         spans,
+        _dark_counts(model, stds),
         np.zeros(count),
         np.ones(count),
         0.0,
     )
 
 
-def lit(readings: Array, noise: ReadingNoise) -> int:
+def _dark_counts(model: ForwardModel, stds: Mapping[str, float]) -> float:
+    """Return the most that a detector reads without the lamp, by three standard deviations."""
+    light, _ = without_lamps(model, [])
+    variance = float(reading_variance(light.max(), model.noise))
+    return float(light.max()) + 3 * math.hypot(math.sqrt(variance), stds.get(AMBIENT, 0.0))
+
+
+def lit(readings: Array, noise: ReadingNoise, dark_counts: float) -> int:
     """Count the readings that are clearly lit, less those at full scale."""
-    clear, count = 3 * np.sqrt(noise.variance), 0
+    clear, count = dark_counts, 0
     for reading in readings:
         clear = max(clear, LIT_SHARE * reading)
     for reading in readings:

@@ -79,6 +79,7 @@ def thinned(problem: Problem, readings: Any, blur: Array) -> Problem:
         problem.nuisance_precision,
         problem.reach,
         problem.spans * len(readings) // len(problem.readings),
+        problem.dark_counts,
         problem.readings[readings],
         problem.weights[readings],
         problem.roll,

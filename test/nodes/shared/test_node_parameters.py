@@ -182,6 +182,28 @@ def test_whole_numbers_are_taken_at_run_time_too(lab, parameter, given):
         assert not lab.set(node, parameter, bad).successful
 
 
+@pytest.mark.skipif(
+    not hasattr(rclpy.node.Node, "add_pre_set_parameters_callback"), reason="Humble checks before"
+)
+def test_a_bare_number_is_a_list_of_one_at_run_time(lab, scene_file):
+    lab.begin({"scene": scene_file})
+    simulator = lab.start(simulator_node.SimulatorNode)
+    for power in (0.5, 2):
+        result = lab.set(simulator, "lamp_power", power)
+        assert result.successful, result.reason
+        assert list(simulator.get_parameter("lamp_power").value) == [power]
+    result = lab.set(lab.start(formation_node.FormationNode), "station_m", -5)
+    assert result.reason == "station_m: 1 values; give 3"
+
+
+@pytest.mark.parametrize("given", [0.5, 2])
+def test_a_bare_number_is_a_list_of_one_at_the_start(lab, scene_file, given):
+    lab.begin({"scene": scene_file, "lamp_power": given})
+    node = lab.start(simulator_node.SimulatorNode)
+    assert list(node.get_parameter("lamp_power").value) == [given]
+    assert node.describe_parameter("lamp_power").type == ParameterType.PARAMETER_DOUBLE_ARRAY
+
+
 SECTIONS = {  # as ROS matches them to /rov/formation_node
     "/rov/formation_node": True,
     "/**/formation_node": True,

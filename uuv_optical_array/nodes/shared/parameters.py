@@ -70,6 +70,8 @@ class Parameter:
         if kind is not list:
             return check(Annotated[kind, self.quantity], value, name)
         values = value.tolist() if isinstance(value, array) else value
+        if self.any_length and type(values) in (int, float):
+            values = [values]
         values = check(Annotated[Numbers, self.quantity], values, name)
         if len(values) != len(self.default) and not self.any_length:
             raise ValueError(f"{name}: {len(values)} values; give {len(self.default)}")
@@ -134,7 +136,7 @@ class Parameters:
         return kind(**values)
 
     def _numbers(self, changes: list[RosParameter]) -> list[RosParameter]:
-        """Return changes with whole numbers as the numbers that they are to be, as at the start."""
+        """Return changes with numbers of the type that they are to be, as at the start."""
         return [self._number(change) for change in changes]
 
     def _number(self, change: RosParameter) -> RosParameter:
@@ -142,9 +144,11 @@ class Parameters:
         wanted = None if declared is None else declared.default
         if isinstance(wanted, float) and type(value) is int:
             return RosParameter(change.name, RosParameter.Type.DOUBLE, float(value))
-        if isinstance(wanted, list) and change.type_ == RosParameter.Type.INTEGER_ARRAY:
-            numbers = [float(number) for number in value]
-            return RosParameter(change.name, RosParameter.Type.DOUBLE_ARRAY, numbers)
+        if isinstance(wanted, list):
+            numbers = [value] if type(value) in (int, float) else value
+            if change.type_ == RosParameter.Type.INTEGER_ARRAY or numbers is not value:
+                numbers = [float(number) for number in numbers]
+                return RosParameter(change.name, RosParameter.Type.DOUBLE_ARRAY, numbers)
         return change
 
     def _on_set(self, changes: list[RosParameter]) -> SetParametersResult:

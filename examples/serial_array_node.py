@@ -32,6 +32,7 @@ import time
 import zlib
 from collections import deque
 from queue import SimpleQueue
+from urllib.parse import urlsplit
 
 import numpy as np
 from rclpy.clock import Clock, ClockType
@@ -98,6 +99,14 @@ def frame_from(packet: bytes) -> tuple[int, int, np.ndarray]:
     return number, time_us, np.frombuffer(readings, "<u2").reshape(side, side)
 
 
+def check_url(url: str) -> None:
+    """Refuse what can never be opened, ValueError."""
+    serial.serial_for_url(url, do_not_open=True)
+    parts = urlsplit(url)
+    if parts.scheme == "socket" and not (parts.hostname and parts.port):
+        raise ValueError(f"port: {url!r} lacks host or port; write socket://HOST:PORT")
+
+
 class SerialArrayNode(Node):
     """Publish each whole frame as ``array/image``; tell of the others, and wait for the port."""
 
@@ -110,7 +119,7 @@ class SerialArrayNode(Node):
         self.stopped = threading.Event()
         self.reader = threading.Thread(target=self.read, daemon=True)
         # A URL that can be none is a fault of the set-up, ValueError; what is not there may come.
-        serial.serial_for_url(self.parameters["port"], do_not_open=True)
+        check_url(self.parameters["port"])
         self.steady, self.ahead_ns = Clock(clock_type=ClockType.STEADY_TIME), 0
         self.begin()
         self.arrived: SimpleQueue = SimpleQueue()

@@ -368,9 +368,19 @@ def test_a_port_that_may_not_be_opened_is_told_with_the_cure(lab, line, monkeypa
     lab.report(node, DiagnosticStatus.ERROR, "no array", "usermod -aG dialout")
 
 
-def test_a_port_that_can_be_none_ends_the_node_in_a_line(lab):
-    lab.begin({"serial_array_node:port": "tcp://192.168.2.4:5000"})
-    with pytest.raises(ValueError, match="tcp"):
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("tcp://192.168.2.4:5000", "tcp"),
+        ("socket://192.168.2.4", "lacks host or port; write socket://HOST:PORT"),
+        ("socket://:5000", "lacks host or port"),
+        ("socket://192.168.2.4:70000", "out of range"),
+        ("socket://192.168.2.4:array", "array"),
+    ],
+)
+def test_a_port_that_can_be_none_ends_the_node_in_a_line(lab, url, words):
+    lab.begin({"serial_array_node:port": url})
+    with pytest.raises(ValueError, match=words):
         lab.start(example.SerialArrayNode)
 
 

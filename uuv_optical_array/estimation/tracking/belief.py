@@ -136,12 +136,15 @@ class BiasSpace:
         """
         return self.by_offsets @ belief.mean[STATE:]
 
-    def whitened(self, readings: LinearisedReadings, slopes: Array) -> Array:
+    def whitened(
+        self, readings: LinearisedReadings, slopes: Array, modes: Array | None = None
+    ) -> Array:
         """Return slopes and residuals in units of their noise, of one frame or of many.
 
         What shades of the scene leave in frames that count as clear is noise.
 
         - slopes: by pose and constants, in any coordinates, shape ``(..., n, 5 + q)``.
+        - modes: root of the covariance of more noise, counts, shape ``(..., n, k)``.
         - returned: slopes by the pose and by what is learnt, residuals last, shape
           ``(..., n, 5 + learnt + 1)``.
         """
@@ -151,8 +154,11 @@ class BiasSpace:
         whole[..., :own] = white[..., None] * (slopes * self._units)
         whole[..., own:-1] = light * self._by_gains
         whole[..., -1] = white * readings.residuals
-        if self._shade_rest.size:
-            basis, sizes, _ = np.linalg.svd(light * self._shade_rest, full_matrices=False)
+        rest = [light * self._shade_rest] if self._shade_rest.size else []
+        if modes is not None:
+            rest.append(white[..., None] * modes)
+        if rest:
+            basis, sizes, _ = np.linalg.svd(np.concatenate(rest, axis=-1), full_matrices=False)
             less = 1 / np.sqrt(1 + sizes**2)[..., None] - 1
             whole += basis @ (less * (basis.swapaxes(-1, -2) @ whole))
         return whole

@@ -5,7 +5,8 @@ linearised once more on the way from the predicted pose to the corrected one (`R
 Slopes at its end contain the noise of the readings that they weight, those at its beginning lack
 the curvature of the light: either biases what is learnt, the same in each frame. This is the way of
 the five numbers that depend on the pose. It begins at the image's own fit, or, for an image that is
-not linear about its fit, where the track expects them.
+not linear about its fit, where the track expects them. Such an image bends over what the track
+leaves of the pose, and counts to the second order (`second_order`).
 
 What readings say of the biases alone must agree with the biases. An image that is not of the scene,
 such as one of two lamps, may agree with the pose, and would teach errors that last for hours: it
@@ -37,6 +38,8 @@ from uuv_optical_array.estimation.tracking.belief import (
     weigh,
 )
 from uuv_optical_array.estimation.tracking.measurement import Measurement, checked_readings
+from uuv_optical_array.estimation.tracking.ranges import ALIKE_S
+from uuv_optical_array.estimation.tracking.second_order import SecondOrder, second_order
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import POSE
 from uuv_optical_array.estimation.unknowns.constants import Constants
@@ -132,6 +135,23 @@ class Correction:
         distance = max(result.distance, pose_distance(belief, frame))
         return result._replace(distance=distance)
 
+    def bent_covariance(self, belief: Belief, stamp_ns: int) -> Array:
+        """Return what the bend of the straight coordinates adds to the pose's covariance, (5, 5).
+
+        It is not in the belief, which is Gaussian in those coordinates. Where ranges were used
+        shortly before a stamp, ns, it adds nothing along the line of sight.
+        """
+        straight, constants = self._straight(belief), self._space.offsets(belief)
+
+        def slopes_at(pose: Array) -> Array:
+            return self._coordinates.place(np.concatenate([pose, constants]))[1][POSE, POSE]
+
+        modes = second_order(slopes_at, straight.mean[POSE], straight.covariance[POSE, POSE]).modes
+        if stamp_ns - belief.ranged_ns < ALIKE_S * 1e9:
+            place = belief.mean[:3]
+            modes[:3] -= np.outer(place, place @ modes[:3]) / (place @ place)
+        return modes @ modes.T
+
     def begun(self, belief: Belief, frame: Measurement) -> Belief:
         """Return a belief of biases, and a rate, that begins with a frame's pose or readings."""
         mean, covariance = belief.mean.copy(), belief.covariance.copy()
@@ -173,12 +193,13 @@ class Correction:
         """
         before, coordinates = self._straight(belief), self._coordinates
         expected, constants = before.mean[POSE], self._space.offsets(belief)
+        bend = self._bend(before, constants, frame) if frame.bent else None
 
         def stacked(readings: LinearisedReadings) -> Array:
             at = coordinates.of(readings.at)
             slopes = readings.slopes @ coordinates.place(at)[1]
             off = coordinates.difference(np.concatenate([expected, constants]), at)
-            return self._stacked(readings, slopes, off, before)
+            return self._stacked(readings, slopes, off, before, bend)
 
         whole = stacked(readings)
         # Only this part of the readings depends on the pose, and the gate needs no more.
@@ -217,15 +238,38 @@ class Correction:
         taught = correct(belief, Observation(innovation[5:], slopes[5:]))
         return taught._replace(taught_ns=stamp_ns, rows=0.0, frames=0)
 
+    def _bend(self, straight: Belief, constants: Array, frame: Measurement) -> SecondOrder | None:
+        """Return how the light of a frame bends over a belief; None where that is not finite."""
+        relinearise = frame.relinearise
+        assert relinearise is not None
+
+        def slopes_at(pose: Array) -> Array:
+            place, by = self._coordinates.place(np.concatenate([pose, constants]))
+            return relinearise(place).slopes @ by[:, POSE]
+
+        with np.errstate(over="ignore", invalid="ignore"):
+            bend = second_order(slopes_at, straight.mean[POSE], straight.covariance[POSE, POSE])
+        return bend if np.isfinite(bend.modes).all() else None
+
     def _stacked(
-        self, readings: LinearisedReadings, slopes: Array, off: Array, before: Belief
+        self,
+        readings: LinearisedReadings,
+        slopes: Array,
+        off: Array,
+        before: Belief,
+        bend: SecondOrder | None,
     ) -> Array:
         """Return what `BiasSpace.whitened` does, with the innovation instead of residuals.
 
         - slopes, off: by coordinates of pose and constants, and how far these are off.
+        - bend: of the light; ``None``: it is linear.
         """
-        space, of = self._space, self._space.constants
-        whole, errors = space.whitened(readings, slopes), space.parts @ before.mean[STATE:]
+        space, of, modes = self._space, self._space.constants, None
+        if bend is not None:
+            readings = readings._replace(residuals=readings.residuals - bend.shift)
+            modes = bend.modes
+        whole = space.whitened(readings, slopes, modes)
+        errors = space.parts @ before.mean[STATE:]
         errors[of] = off[5:] / space.stds[of]
         whole[:, -1] -= whole[:, :-1] @ np.concatenate([off[:5], errors])
         return whole

@@ -148,6 +148,15 @@ class FrameFilter:
             return np.zeros((5, 5))
         return self._correction.common_share(frame) * (frame.root @ frame.root.T)
 
+    def bent_covariance(self, state: State, belief: Belief) -> Array:
+        """Return what the bend of the light adds to a pose's covariance, ``(5, 5)``.
+
+        - belief: the one after the frame of the state, and after ranges.
+        """
+        if not (state.by_readings and state.frame.bent):
+            return np.zeros((5, 5))
+        return self._correction.bent_covariance(belief, state.frame.stamp_ns)
+
     def commanded(self, stamp_ns: int) -> bool:
         """Say whether there is a command of a stamp that is not too old."""
         return self._own_motion.age_ns(stamp_ns) <= self._command_ns

@@ -176,6 +176,7 @@ class Tracker:
         own_motion = self._filter.own_motion_at(stamp_ns, obeys)
         own = self._own_motion.twist(stamp_ns) if own_motion == "told" else np.zeros(5)
         joint[POSE, POSE] += self._filter.common_covariance(newest)
+        joint[POSE, POSE] += self._filter.bent_covariance(newest, belief)
         if stamp_ns != self._tested_ns:
             self._test(stamp_ns, np.concatenate([mean[POSE], offsets]), newest.frame)
         return Track(

@@ -206,7 +206,7 @@ def test_weights_are_the_least_of_their_cost(estimator, heat):
     [
         *((0, 0, 300, 3), (4, 0, 300, 3), (5, 0, 300, 2)),
         *((0, 4, 300, 3), (12, 0, 300, 1), (19, 0, 300, 0)),
-        (0, 3, 20, 3),  # two percent of full scale are more than 20 counts
+        (0, 3, 20, 3),  # two percent of full scale are more than 20 counts, and daylight 15
     ],
 )
 def test_what_need_not_be_believed_is_a_seventh_of_what_is_lit(estimator, dark, full, level, count):

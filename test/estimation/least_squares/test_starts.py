@@ -127,9 +127,13 @@ def test_what_daylight_may_read_is_not_lit(level, count):
     ambient = {"effects": {"ambient": {"level_counts": level}}}
     scene = changed("follow", **ambient, prior={"known": "exactly", "ambient_std_counts": 5.0})
     problem = kinds_of(ForwardModel(scene))[0].problem
-    readings = np.full(25, level + 14.0)
-    readings[:count] = level + 17.0
-    assert lit(readings, problem.noise, problem.dark_counts) == count
+    for daylight in (0.0, 9.0):
+        readings = np.full(25, level + daylight)
+        readings[:count] = level + daylight + 7.0
+        readings[count:9] += 5.0
+        assert lit(readings, problem.noise, problem.dark_counts) == count
+    # Nor is that of an array which a lamp lights evenly, beyond what daylight may be.
+    assert lit(readings + 20, problem.noise, problem.dark_counts) == 25
 
 
 @pytest.mark.parametrize(("side", "seed"), [(21, 1), (51, 2), (51, 3)])

@@ -140,7 +140,11 @@ def _dark_counts(model: ForwardModel, stds: Mapping[str, float]) -> float:
 
 def lit(readings: Array, noise: ReadingNoise, dark_counts: float) -> int:
     """Count the readings that are clearly lit, less those at full scale."""
-    clear, count = dark_counts, 0
+    darkest, count = np.inf, 0
+    for reading in readings:
+        darkest = min(darkest, reading)
+    # All readings have about the same daylight.
+    clear = min(dark_counts, darkest + 6 * np.sqrt(noise.variance))
     for reading in readings:
         clear = max(clear, LIT_SHARE * reading)
     for reading in readings:

@@ -29,7 +29,7 @@ STARTS = 1024
 # Beside them poses nearer than that, and the share of the range that they go down to; and as many
 # down to this share of the least range, the farther off the beam's axis the nearer.
 NEAR_STARTS, NEAREST, ASIDE = 4096, 0.2, 0.15
-TURNED = math.radians(120)  # up to which yaw as many look past the lamp
+TURNED = math.radians(120)  # up to which yaw as many as the first look past the lamp
 BY_SIGNATURE = 1536  # of all these are looked up by their signature, too, and the others by image
 
 
@@ -113,9 +113,9 @@ def drawn_poses(axes: list[Array]) -> Array:
     aside[:, 0] = share * axes[0].max()
     aside[:, 1:3] *= np.sqrt(share)[:, None]
     # An array that is turned away sees its lamp by the edge alone.
-    turned = drawn(NEAR_STARTS)
-    turned[:, :3] *= np.exp(rng.uniform(math.log(NEAREST), 0, NEAR_STARTS))[:, None]
-    turned[:, YAW] = rng.uniform(-TURNED, TURNED, NEAR_STARTS)
+    turned = drawn(STARTS)
+    turned[:, :3] *= np.exp(rng.uniform(math.log(NEAREST), 0, STARTS))[:, None]
+    turned[:, YAW] = rng.uniform(-TURNED, TURNED, STARTS)
     return np.concatenate([poses, near, aside, turned])
 
 

@@ -10,7 +10,7 @@ from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, logsumexp, ndtr, ndtri
+from scipy.special import chdtrc, ndtr, ndtri
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, PITCH, Array, X, turned_about_beam, wrapped
@@ -168,6 +168,8 @@ class ImageFit:
         self._max_misfit = max_misfit
         self._most_mended = MENDED_BY_SEVERAL if scene.lamps else MENDED
         self._pose_prior = pose_prior(scene)
+        # What the evidence of all frames leaves out of the pose's prior.
+        self._log_prior = -float(np.log(self._pose_prior[1]).sum()) - LOG_2PI
         self._pose_precision = np.diag(1 / np.square(self._pose_prior[1]))
         self._unobservable_variance = (UNOBSERVABLE * self._pose_prior[1]) ** 2
         self.guide = guide_of(model, candidates, float(-ndtri(max_misfit)))
@@ -412,8 +414,7 @@ class ImageFit:
         fitted = [each.log_evidence for each in found if each.frame.outcome == FITTED]
         if not fitted:
             return
-        # What the evidence of all frames leaves out of the pose's prior.
-        log_seen = float(logsumexp(fitted)) - float(np.log(self._pose_prior[1]).sum()) - LOG_2PI
+        log_seen = float(np.logaddexp.reduce(fitted)) + self._log_prior
         if log_seen - no_lamp.most(readings) > math.log(SEEN):
             return
         log_odds = log_seen - no_lamp.log_evidence(readings, [kind.share for kind in kinds])

@@ -43,7 +43,7 @@ class NoLamp:
         off, noise = readings - self._light, self._noise
         along = off @ self._even
         squares = float(off @ off - along @ along)
-        log = -0.5 * squares / float(reading_variance(readings.max(), noise))
+        log: float = -0.5 * squares / reading_variance(float(readings.max()), noise)
         if noise.slope > 0 or noise.square > 0:
             inside = np.count_nonzero((noise.low < readings) & (readings < noise.high))
             log -= 0.5 * inside * math.log(reading_variance(noise.black, noise))

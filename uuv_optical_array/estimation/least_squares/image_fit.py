@@ -314,9 +314,8 @@ class ImageFit:
         mended = [found]
         line = lines_of_neighbours(out.reshape(self._model.image_shape)).ravel()
         others = image.readings[~line]
-        if line.any() and lit(others, problem.noise, problem.dark_counts) >= MOSTLY_LIT * len(
-            others
-        ):
+        seen = lit(others, problem.noise, problem.dark_counts)
+        if line.any() and seen >= MOSTLY_LIT * len(others):
             weights = np.where(line, 0.0, found.frame.weights)
             problem = image.problem(kind)._replace(weights=weights)
             hidden = self._hypothesis(kind, problem, self.guide)

@@ -9,7 +9,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.noise import reading_variance
 from uuv_optical_array.forward.prior import DAYLIGHT
 
-CHANCE = 1e-4  # probability of an image of daylight, beyond which something else shines, too
+CHANCE = 1e-4  # share of images of daylight that are so odd that something else seems to shine
 
 
 class Daylight:
@@ -29,7 +29,7 @@ class Daylight:
         self._most = float(chdtri(len(self._light), CHANCE))
 
     def explains(self, image: Array) -> bool:
-        """Say whether an image, counts, is as probable as one of `CHANCE` of daylight's."""
+        """Say whether more than `CHANCE` of daylight's images are as odd as an image, counts."""
         brightest, most = float(image.max()), self._most
         over = max(brightest - float(self._light.max()), 0.0)
         # No image is more probable than its brightest reading is by itself.

@@ -144,11 +144,10 @@ class Parameters:
         wanted = None if declared is None else declared.default
         if isinstance(wanted, float) and type(value) is int:
             return RosParameter(change.name, RosParameter.Type.DOUBLE, float(value))
-        if isinstance(wanted, list):
-            numbers = [value] if type(value) in (int, float) else value
-            if change.type_ == RosParameter.Type.INTEGER_ARRAY or numbers is not value:
-                numbers = [float(number) for number in numbers]
-                return RosParameter(change.name, RosParameter.Type.DOUBLE_ARRAY, numbers)
+        alone = type(value) in (int, float)
+        if isinstance(wanted, list) and (alone or change.type_ == RosParameter.Type.INTEGER_ARRAY):
+            numbers = [float(number) for number in ([value] if alone else value)]
+            return RosParameter(change.name, RosParameter.Type.DOUBLE_ARRAY, numbers)
         return change
 
     def _on_set(self, changes: list[RosParameter]) -> SetParametersResult:

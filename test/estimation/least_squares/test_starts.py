@@ -122,18 +122,18 @@ def test_an_array_that_looks_past_its_lamp_sees_it_by_the_edge_and_takes_it_for_
     assert np.mean(np.array(far) > 6) < 0.05  # nine of ten at 100 deg, by starts that all face it
 
 
-@pytest.mark.parametrize(("level", "count"), [(0.0, 5), (30.0, 5)])
-def test_what_daylight_may_read_is_not_lit(level, count):
+@pytest.mark.parametrize("level", [0.0, 30.0])
+def test_what_daylight_may_read_is_not_lit(level):
     ambient = {"effects": {"ambient": {"level_counts": level}}}
     scene = changed("follow", **ambient, prior={"known": "exactly", "ambient_std_counts": 5.0})
     problem = kinds_of(ForwardModel(scene))[0].problem
     for daylight in (0.0, 9.0):
         readings = np.full(25, level + daylight)
-        readings[:count] = level + daylight + 7.0
-        readings[count:9] += 5.0
-        assert lit(readings, problem.noise, problem.dark_counts) == count
+        readings[:5] = level + daylight + 7.0
+        readings[5:9] += 5.0
+        assert lit(readings, problem) == 5
     # Nor is that of an array which a lamp lights evenly, beyond what daylight may be.
-    assert lit(readings + 20, problem.noise, problem.dark_counts) == 25
+    assert lit(readings + 20, problem) == 25
 
 
 @pytest.mark.parametrize(("side", "seed"), [(21, 1), (51, 2), (51, 3)])

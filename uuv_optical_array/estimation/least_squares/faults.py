@@ -46,7 +46,7 @@ def most_faulty(problem: Problem) -> int:
     for count in range(len(readings) // (LIT_EACH + 1), 0, -1):
         others = readings[:-count]
         full = np.count_nonzero(others >= problem.noise.high)
-        if lit(others, problem.noise, problem.dark_counts) + 2 * full >= LIT_EACH * count:
+        if lit(others, problem) + 2 * full >= LIT_EACH * count:
             return count
     return 0
 

@@ -176,7 +176,7 @@ def search_few(given: Problem, guide: Guide, unit: Array, nearest: Any) -> list[
 
 def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> list[State]:
     """Return what `find_minima` does, by the readings that the guide is of."""
-    few = not guide.gaussian and lit(problem.readings, problem.noise, problem.dark_counts) < FEW_LIT
+    few = not guide.gaussian and lit(problem.readings, problem) < FEW_LIT
     rows, count, steps = nearest, guide.candidates, MOST_STEPS
     if few:
         count, steps = min(MOST_STARTS, guide.units.shape[1]), FEW_STEPS

@@ -314,8 +314,7 @@ class ImageFit:
         mended = [found]
         line = lines_of_neighbours(out.reshape(self._model.image_shape)).ravel()
         others = image.readings[~line]
-        seen = lit(others, problem.noise, problem.dark_counts)
-        if line.any() and seen >= MOSTLY_LIT * len(others):
+        if line.any() and lit(others, problem) >= MOSTLY_LIT * len(others):
             weights = np.where(line, 0.0, found.frame.weights)
             problem = image.problem(kind)._replace(weights=weights)
             hidden = self._hypothesis(kind, problem, self.guide)

@@ -138,13 +138,13 @@ def _dark_counts(model: ForwardModel, stds: Mapping[str, float]) -> float:
     return float(light.max()) + 3 * math.hypot(math.sqrt(variance), stds.get(AMBIENT, 0.0))
 
 
-def lit(readings: Array, noise: ReadingNoise, dark_counts: float) -> int:
-    """Count the readings that are clearly lit, less those at full scale."""
-    darkest, count = np.inf, 0
+def lit(readings: Array, problem: Problem) -> int:
+    """Count the readings of a problem that are clearly lit, less those at full scale."""
+    noise, darkest, count = problem.noise, np.inf, 0
     for reading in readings:
         darkest = min(darkest, reading)
     # All readings have about the same daylight.
-    clear = min(dark_counts, darkest + 6 * np.sqrt(noise.variance))
+    clear = min(problem.dark_counts, darkest + 6 * np.sqrt(noise.variance))
     for reading in readings:
         clear = max(clear, LIT_SHARE * reading)
     for reading in readings:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from types import MappingProxyType
 
 import numpy as np
 
@@ -82,3 +83,9 @@ def squared_error(found, pose):
     """Return the squared error of an estimate, normalised by its covariance."""
     off = wrapped(found.pose - pose)
     return off @ np.linalg.solve(found.covariance, off)
+
+
+def seen_in(model, sea, pose, rng, offsets=MappingProxyType({})):
+    """Expose an image in a drawn sea, but for its aims; offsets replace those of the sea."""
+    light = model.light(pose, 0.0, {**sea.offsets, **offsets})
+    return model.read(model.with_gains(light, sea.gains), rng)

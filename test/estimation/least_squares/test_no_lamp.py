@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import changed, coarse, ready
+from scenes import changed, coarse, ready, seen_in
 from scipy.integrate import quad
 from scipy.special import logsumexp
 from scipy.stats import binom, multivariate_normal, norm
@@ -41,8 +41,7 @@ def no_lamp_of(scene):
 def in_the_dark(scene, rng):
     """Draw an image of a drawn sea without the lamp, counts, ``(side, side)``."""
     model, sea = ForwardModel(scene), draw_sea(scene, rng)
-    light = model.light(POSE, 0.0, {**sea.offsets, **OUT})
-    return model.read(model.with_gains(light, sea.gains), rng)
+    return seen_in(model, sea, POSE, rng, OUT)
 
 
 def test_daylight_that_is_far_from_darkness_is_a_gaussian_of_many_readings():
@@ -141,5 +140,4 @@ def test_images_with_the_lamp_where_it_is_followed_all_get_a_pose(compiled_fit):
     for range_m in np.linspace(3, 10, 100):
         sea = draw_sea(scene, rng)
         pose = np.array([-range_m, *rng.uniform(-0.1, 0.1, 2) * range_m, *rng.normal(0, 0.1, 2)])
-        light = model.with_gains(model.light(pose, 0.0, sea.offsets), sea.gains)
-        estimator.estimate(model.read(light, rng))
+        estimator.estimate(seen_in(model, sea, pose, rng))

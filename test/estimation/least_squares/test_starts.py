@@ -5,7 +5,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 from fits import CountedProblem, guide_to, kinds_of
-from scenes import changed, ready
+from scenes import changed, ready, seen_in
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import wrapped
@@ -113,9 +113,8 @@ def test_an_array_that_looks_past_its_lamp_sees_it_by_the_edge_and_takes_it_for_
     for _ in range(40):
         sea, pose = draw_sea(scene, rng), np.array([-4.5, 0.2, 0.1, 0.05, np.radians(yaw_deg)])
         (seen,) = apparent(scene, pose[None], sea.aims[None])
-        light = model.with_gains(model.light(seen, 0.0, sea.offsets), sea.gains)
         with suppress(NoPose):
-            found = estimator.estimate(model.read(light, rng))
+            found = estimator.estimate(seen_in(model, sea, seen, rng))
             off = wrapped(found.pose - pose) / np.sqrt(found.covariance.diagonal())
             far.append(abs(off).max())
     assert len(far) >= 36

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import changed, ready
+from scenes import changed, ready, seen_in
 from scipy.stats import binom, chi2
 
 from uuv_optical_array.estimation.signature.daylight import CHANCE, Daylight
@@ -49,8 +49,7 @@ def test_of_images_without_a_lamp_so_few_show_light_as_is_said(name):
     out = power_offsets([0.0], model.scene.lamp_count)
     for _ in range(1000):
         sea = draw_sea(model.scene, rng)
-        light = model.light([-5.0, 0, 0, 0, 0], 0.0, {**sea.offsets, **out})
-        lit += not daylight.explains(model.read(model.with_gains(light, sea.gains), rng))
+        lit += not daylight.explains(seen_in(model, sea, [-5.0, 0, 0, 0, 0], rng, out))
     assert lit <= binom.isf(1e-7, 1000, CHANCE)
 
 
@@ -59,8 +58,8 @@ def test_lamps_show_where_they_are_followed_and_also_where_a_pose_tells_little()
     daylight = Daylight(model)
     for range_m in np.linspace(2, 10, 80):
         sea = draw_sea(model.scene, rng)
-        light = model.light([-range_m, 0.1 * range_m, 0, 0, 0], 0.0, sea.offsets)
-        assert not daylight.explains(model.read(model.with_gains(light, sea.gains), rng))
+        pose = [-range_m, 0.1 * range_m, 0, 0, 0]
+        assert not daylight.explains(seen_in(model, sea, pose, rng))
     dark = model.read(np.zeros((5, 5)), rng)
     assert daylight.explains(dark)
     dark[4, 2] = 30.0  # as from a lamp that is far aside

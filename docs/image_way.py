@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from uuv_optical_array import Estimator, ForwardModel, load_scene
 from uuv_optical_array.core.numerics.gauss_newton import first_damping
 from uuv_optical_array.estimation.estimate import Estimate
+from uuv_optical_array.estimation.least_squares.attitude_nodes import new_lattice
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.least_squares.image_fit import pose_prior
-from uuv_optical_array.estimation.least_squares.posterior import integrate, new_lattice
+from uuv_optical_array.estimation.least_squares.posterior import integrate
 from uuv_optical_array.estimation.least_squares.problem import (
     MOST_STEPS,
     Problem,

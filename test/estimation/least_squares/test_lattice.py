@@ -9,14 +9,13 @@ from scenes import changed, coarse
 from scipy.optimize import minimize
 
 from uuv_optical_array.core.geometry import PITCH, YAW
+from uuv_optical_array.estimation.least_squares.attitude_nodes import new_lattice, write_node
 from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOTHING, NOWHERE
 from uuv_optical_array.estimation.least_squares.posterior import (
     basis_of,
     fill,
     integrate,
     laplace,
-    new_lattice,
-    write_node,
 )
 from uuv_optical_array.estimation.least_squares.problem import (
     INFORMATION,

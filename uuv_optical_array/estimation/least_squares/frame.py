@@ -13,12 +13,12 @@ from uuv_optical_array.core.numerics.elementwise import borrowed
 from uuv_optical_array.core.numerics.gauss_newton import first_damping
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.information.linearised import write_linear
+from uuv_optical_array.estimation.least_squares.attitude_nodes import new_lattice
 from uuv_optical_array.estimation.least_squares.faults import disbelieve
 from uuv_optical_array.estimation.least_squares.posterior import (
     PosteriorMoments,
     integrate,
     laplace,
-    new_lattice,
 )
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,

@@ -1,0 +1,222 @@
+"""What an image leaves of all else at an attitude, a node of the lattice of `posterior`.
+
+It is nearly Gaussian there, so that Laplace's approximation about the conditional mean integrates
+it. Of nodes in a row, a direction of pitch and yaw across it belongs to all else.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uuv_optical_array.core.geometry import PITCH, YAW, Array
+from uuv_optical_array.core.numerics.elementwise import law, zeros
+from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
+from uuv_optical_array.estimation.least_squares.problem import (
+    AT,
+    GRADIENT,
+    INFORMATION,
+    POSE_SLOPES,
+    VOLUME_SLOPES,
+    Problem,
+    State,
+    evaluate,
+    propose,
+)
+from uuv_optical_array.estimation.unknowns.coordinates import to_lamp
+
+MOST_NODES = 400  # of a lattice
+# Decrement that all else may still have at a node; Laplace's approximation takes it into account.
+SETTLED = 0.3
+UNSETTLED = 3.0  # decrement at a node from which the approximation means nothing
+CORRECTIONS = 12  # steps of all else at a node
+
+
+class Lattice(NamedTuple):
+    """The posterior at m attitudes, all else integrated.
+
+    - logs: logarithm of the attitude's density, without constants, ``(m,)``; -inf: no node.
+    - ats: coordinates and nuisances of the conditional mean, shape ``(m, p)``.
+    - moved: slopes of `ats` by pitch and yaw, shape ``(m, 2, p)``.
+    - slopes: of `logs` by pitch and yaw, shape ``(m, 2)``.
+    - curvatures: their negative second derivatives, Gauss-Newton's: pitch, both, yaw, ``(m, 3)``.
+    - poses, covariances: of the pose at the attitude, shapes ``(m, 5)`` and ``(m, 5, 5)``.
+    - across: direction in pitch and yaw that belongs to all else, of length one, ``(2,)``; 0: none.
+    """
+
+    logs: Array
+    ats: Array
+    moved: Array
+    slopes: Array
+    curvatures: Array
+    poses: Array
+    covariances: Array
+    across: Array
+
+
+def new_lattice(size: int) -> Lattice:
+    """Return a lattice without nodes, for p coordinates and nuisances."""
+    return Lattice(
+        np.full(MOST_NODES, -np.inf),
+        np.empty((MOST_NODES, size)),
+        np.empty((MOST_NODES, 2, size)),
+        np.empty((MOST_NODES, 2)),
+        np.empty((MOST_NODES, 3)),
+        np.empty((MOST_NODES, 5)),
+        np.empty((MOST_NODES, 5, 5)),
+        np.zeros(2),
+    )
+
+
+@law
+def is_row(lattice: Lattice) -> bool:
+    """Say whether the nodes of a lattice are in a row, across which all else is integrated, too."""
+    return bool(lattice.across[0] != 0 or lattice.across[1] != 0)
+
+
+def write_start(lattice: Lattice, node: int, pitch: float, yaw: float, start: Array) -> None:
+    """Write where all else is expected at an attitude that is so much off that of a node, rad."""
+    moved = lattice.moved[node]
+    for i in range(len(start)):
+        start[i] = lattice.ats[node, i] + (pitch * moved[0, i] + yaw * moved[1, i])
+
+
+def write_node(problem: Problem, state: State, lattice: Lattice, node: int) -> None:
+    """Integrate all else at the attitude of a state near the conditional mean."""
+    decrement = integrate_rest(problem, state, lattice, node)
+    damping = 0.0
+    for _ in range(CORRECTIONS):
+        if not decrement > SETTLED:
+            break
+        there = lattice.ats[node] if damping == 0 else rest_of_the_way(problem, state, damping)
+        ahead = evaluate(problem, there)
+        if ahead.cost - ahead.log_volume < state.cost - state.log_volume:
+            state = ahead
+            decrement = integrate_rest(problem, state, lattice, node)
+            damping *= 0.1
+        else:
+            damping = max(10 * damping, 0.1)
+    if decrement > UNSETTLED:
+        lattice.logs[node] = -np.inf
+
+
+def rest_of_the_way(problem: Problem, state: State, damping: float) -> Array:
+    """Return where a damped step towards the conditional mean leads, shape ``(p,)``."""
+    parts = state.parts.copy()
+    for i in range(5):
+        parts[GRADIENT, i] += parts[VOLUME_SLOPES, i]
+    for i in (PITCH, YAW):
+        parts[GRADIENT, i] = 0.0
+        for j in range(parts.shape[1]):
+            parts[INFORMATION + i, j] = parts[INFORMATION + j, i] = 0.0
+        parts[INFORMATION + i, i] = 1.0
+    there, _ = propose(problem, State(state.cost, state.log_volume, parts), damping)
+    return there
+
+
+@law
+def ordered(place: int, rest: int) -> int:
+    """Return the coordinate at a place where all else comes first and the attitude last."""
+    if place >= rest:
+        return place - rest + PITCH
+    return place if place < PITCH else place + 2
+
+
+def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) -> float:
+    """Integrate all but the attitude by Laplace's approximation about a state."""
+    parts = state.parts
+    size = parts.shape[1]
+    rest = size - 2
+    factor, vectors = zeros(size, size, state.cost), zeros(3, size, state.cost)
+    pull, column = vectors[0, :rest], vectors[1, :rest]
+    for i in range(size):
+        k = ordered(i, rest)
+        slope = parts[GRADIENT, k]
+        if k < 5:
+            slope += parts[VOLUME_SLOPES, k]
+        vectors[0, i] = slope
+        for j in range(i + 1):
+            factor[i, j] = parts[INFORMATION + k, ordered(j, rest)]
+        lattice.ats[node, i] = parts[AT, i]
+    if not cholesky(factor):
+        lattice.logs[node] = -np.inf
+        return 0.0
+    log_weight = state.log_volume - state.cost
+    for i in range(rest):
+        log_weight -= np.log(factor[i, i])
+    # The lower left of the factor is B' L^-T, and the lower right that of what is left.
+    solve_lower(factor, pull)
+    decrement = 0.0
+    for i in range(rest):
+        decrement += 0.5 * pull[i] * pull[i]
+    # Far from the mean the model of second order is not valid.
+    lattice.logs[node] = log_weight + min(decrement, SETTLED)
+    for a in range(2):
+        slope = vectors[0, rest + a]
+        for k in range(rest):
+            slope -= factor[rest + a, k] * pull[k]
+            column[k] = -factor[rest + a, k]
+        lattice.slopes[node, a] = slope
+        solve_upper(factor, column)
+        for i in range(rest):
+            lattice.moved[node, a, ordered(i, rest)] = column[i]
+        lattice.moved[node, a, PITCH + a], lattice.moved[node, a, YAW - a] = 1.0, 0.0
+    u, v, w = factor[rest, rest], factor[rest + 1, rest], factor[rest + 1, rest + 1]
+    lattice.curvatures[node, 0], lattice.curvatures[node, 1] = u * u, u * v
+    lattice.curvatures[node, 2] = v * v + w * w
+    solve_upper(factor, pull)
+    excess = 1.0
+    for i in range(rest):
+        excess = max(excess, abs(pull[i]) / problem.reach[ordered(i, rest)])
+    for i in range(rest):
+        lattice.ats[node, ordered(i, rest)] += pull[i] / excess
+    # At an attitude the pose follows where the lamp is and how bright.
+    write_covariance(parts, factor, rest, lattice.covariances[node])
+    if is_row(lattice):
+        decrement += integrate_across(problem, parts, lattice, node)
+    _, pose, _ = to_lamp(problem.frame, lattice.ats[node], problem.roll)
+    for i in range(5):
+        lattice.poses[node, i] = pose[i]
+    return decrement
+
+
+def integrate_across(problem: Problem, parts: Array, lattice: Lattice, node: int) -> float:
+    """Integrate a node across the row that it is of, as `integrate_rest` does all else."""
+    m, n = lattice.across[0], lattice.across[1]
+    moved, slopes, curvatures = lattice.moved[node], lattice.slopes[node], lattice.curvatures[node]
+    u, v, w = curvatures[0], curvatures[1], curvatures[2]
+    known = m * m * u + 2 * m * n * v + n * n * w
+    ratio = (m * n * (u - w) + (n * n - m * m) * v) / known
+    pull = (m * slopes[0] + n * slopes[1]) / known
+    slope = n * slopes[0] - m * slopes[1] - ratio * pull * known
+    own = n * n * u - 2 * m * n * v + m * m * w - ratio * ratio * known
+    decrement = 0.5 * pull * pull * known
+    lattice.logs[node] += min(decrement, SETTLED) - 0.5 * np.log(known)
+    pull /= max(1.0, abs(pull) / problem.reach[PITCH])
+    turned = zeros(1, 5, known)
+    for i in range(parts.shape[1]):
+        off = m * moved[0, i] + n * moved[1, i]
+        along = n * moved[0, i] - m * moved[1, i] - ratio * off
+        lattice.ats[node, i] += pull * off
+        moved[0, i], moved[1, i] = n * along, -m * along
+        for k in range(5):
+            turned[0, k] += parts[POSE_SLOPES + k, i] * off if i < 5 else 0.0
+    for k in range(5):
+        for i in range(5):
+            lattice.covariances[node, k, i] += turned[0, k] * turned[0, i] / known
+    slopes[0], slopes[1] = n * slope, -m * slope
+    curvatures[0], curvatures[1], curvatures[2] = n * n * own, -m * n * own, m * m * own
+    return decrement
+
+
+def write_covariance(parts: Array, factor: Array, count: int, covariance: Array) -> None:
+    """Write the covariance of the pose by the factor of its information, of all or all else."""
+    spread = zeros(5, count, parts[AT, 0])
+    for i in range(5):
+        for k in range(5 + count - parts.shape[1]):
+            spread[i, k] = parts[POSE_SLOPES + i, k]
+        solve_lower(factor, spread[i])
+        for j in range(i + 1):
+            shared = 0.0
+            for k in range(count):
+                shared += spread[i, k] * spread[j, k]
+            covariance[i, j] = covariance[j, i] = shared

@@ -16,7 +16,7 @@ from uuv_optical_array.estimation.least_squares.frame import (
     NOWHERE,
     estimate_frame,
 )
-from uuv_optical_array.estimation.least_squares.image_fit import Image
+from uuv_optical_array.estimation.least_squares.hypotheses import Image
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     GRADIENT,

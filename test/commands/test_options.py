@@ -131,6 +131,24 @@ def test_a_word_with_a_slip_says_which_was_perhaps_meant(words, told):
     assert run(*words, code=2).endswith(f"; {told}")
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--scnee", "f", "follow"), "--scnee; give options after the command"),
+        (("--scene=f", "follow"), "--scene; give options after the command"),
+        (("study", "--sed", "2", "accuracy"), "--sed; give options after the command"),
+        (("--verison", "follow"), "--verison; did you mean --version?"),
+    ],
+)
+def test_an_option_before_the_command_is_named_and_not_its_value(words, told):
+    assert run(*words, code=2) == f"uuv_array: error: unrecognized arguments: {told}"
+
+
+def test_the_options_of_the_program_itself_may_be_abbreviated():
+    assert text_of(run, "--vers") == text_of(run, "--version")
+    assert text_of(run, "study", "--he") == text_of(run, "study", "-h")
+
+
 def test_a_word_that_is_like_none_gets_no_hint():
     assert "did you mean" not in run("quux", code=2)
 

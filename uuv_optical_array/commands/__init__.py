@@ -13,6 +13,7 @@ from uuv_optical_array import __version__
 from uuv_optical_array.cli import options
 
 POWER = re.compile(r"-(\d+\.?\d*|\.\d+)e[-+]?\d{1,3}", re.I)
+OWN_OPTIONS = "-h", "--help", "--version"
 # In the order of the help; imported with this module, where Ctrl-C ends the process (`programs`).
 COMMANDS = {
     name: import_module(f"uuv_optical_array.commands.{name}")
@@ -58,6 +59,7 @@ def main(words: list[str] | None = None) -> None:
         print(f"uuv_array {words[0]}: it is called `uuv_array study {words[0]}`", file=sys.stderr)
         sys.exit(2)
     parser = build_parser()
+    _refuse_early_option(parser, words)
     args, others = parser.parse_known_args(words)
     if others:
         begin = others[0].removeprefix("--").partition("=")[0].replace("-", "_")
@@ -89,6 +91,17 @@ def main(words: list[str] | None = None) -> None:
         print("interrupted", file=sys.stderr)
         code = options.INTERRUPTED
     sys.exit(code)
+
+
+def _refuse_early_option(parser: argparse.ArgumentParser, words: list[str]) -> None:
+    """End with an error at an option before the name of a command or study.
+
+    argparse would take the option's value for that name, and name only the value.
+    """
+    name = next(iter(words[words[:1] == ["study"] :]), "").partition("=")[0]
+    if name.startswith("-") and not any(own.startswith(name) for own in OWN_OPTIONS):
+        near = options.meant(name, OWN_OPTIONS)
+        parser.error(f"unrecognized arguments: {name}{near or '; give options after the command'}")
 
 
 def _plain(word: str) -> str:

@@ -15,7 +15,7 @@ from uuv_optical_array.calibration.places_check import in_words
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.recording.images import Recording
-from uuv_optical_array.recording.places import with_places
+from uuv_optical_array.recording.places import read_places, with_places
 
 HEAD = "x_m,y_m,z_m,pitch_deg,yaw_deg,x_std_m,y_std_m,z_std_m,pitch_std_deg,yaw_std_deg"
 STDS = np.array([0.004, 0.006, 0.006, *np.radians([0.3, 0.3])])
@@ -95,7 +95,7 @@ def recording(count=5):
 def test_times_find_the_nearest_image_or_all_of_a_span(tmp_path):
     table, pose = tmp_path / "places.csv", np.array([-3, 0.1, 0.2, 0.1, -0.2])
     table.write_text(f"time_s,roll_deg,{HEAD}\n2.6,9,{line(pose)}\n0.8,0,{line(-pose)}\n", "utf-8")
-    found, stds, numbers = with_places(recording(), table)
+    found, stds, numbers = with_places(recording(), read_places(table))
     np.testing.assert_array_equal(found.images[:, 0, 0], [4, 12])
     np.testing.assert_allclose(found.poses, [-pose, pose])
     np.testing.assert_allclose(found.rolls, [0, np.radians(9)])
@@ -103,7 +103,7 @@ def test_times_find_the_nearest_image_or_all_of_a_span(tmp_path):
     assert numbers.tolist() == [1, 0]
     assert found.refused == {"images of no line of places.csv": 3}
     table.write_text(f"time_s,until_s,{HEAD}\n0.5,3,{line(pose, 0 * STDS)}\n", encoding="utf-8")
-    found, stds, numbers = with_places(recording(), table)
+    found, stds, numbers = with_places(recording(), read_places(table))
     assert numbers.tolist() == [0, 0, 0]
     assert (stds == 1e-6).all()
 
@@ -133,8 +133,20 @@ def test_a_bad_table_is_refused_with_its_line(head, rows, words, tmp_path):
     table = tmp_path / "places.csv"
     table.write_text("\n".join([head, *rows]), encoding="utf-8")
     with pytest.raises(ValueError, match=words) as caught:
-        with_places(recording(), table)
+        with_places(recording(), read_places(table))
     assert "\n" not in str(caught.value)
+
+
+def test_a_table_that_cannot_be_used_is_refused_before_the_bag_is_read(tmp_path):
+    """There is no bag; where the table is good, that is the error."""
+    bag, table = tmp_path / "bag", tmp_path / "places.csv"
+    words = "calibrate", bag, "--places", table
+    assert f"{table}: No such file" in run(*words, code=2)
+    pose = np.array([-3, 0.1, 0.2, 0.1, -0.2])
+    table.write_text(f"image,{HEAD}\n0,{line(pose, -STDS)}\n", "utf-8")
+    assert f"{table}: line 2: x_std_m: -0.004; give a number" in run(*words, code=1)
+    table.write_text(f"image,{HEAD}\n0,{line(pose)}\n", "utf-8")
+    assert f"{bag}: " in run(*words, code=2)
 
 
 def rail(wrong=1.0, noise=1.0, off=0.0):

@@ -50,7 +50,7 @@ from uuv_optical_array.layouts.detectors import on_array_of, write_detectors
 from uuv_optical_array.plots.calibration import draw_calibration
 from uuv_optical_array.plots.style import save
 from uuv_optical_array.recording.images import Recording
-from uuv_optical_array.recording.places import LEAST_STD, POSE, with_places
+from uuv_optical_array.recording.places import LEAST_STD, POSE, read_places, with_places
 
 POSITION = Quantity("standard deviation of the poses' x, y and z; 0: exact", "m", 0, 10)
 ATTITUDE = Quantity("standard deviation of the poses' pitch and yaw; 0: exact", "deg", 0, 90)
@@ -106,13 +106,14 @@ def run(args: argparse.Namespace) -> int:
         raise options.OptionError(
             "--places: its table has complete poses; leave out --known, --unknown and --trajectory"
         )
+    rail = read_places(table) if table else None
     path, text = files.user_path(args.bag), own_text(args.scene)
     output = outputs.file_to_write(args.output, "--output", outputs.SCENE)
     picture = args.picture and outputs.file_to_write(args.picture, "--picture", outputs.PICTURE)
     try:
-        if table is not None:
+        if rail is not None:
             told = light.read_light(args, scene, poses_needed=False)
-            recording, pose_std, places = with_places(told.recording, table)
+            recording, pose_std, places = with_places(told.recording, rail)
             starts = recording.poses
         else:
             (told, open_parts), places = light.read_known(args, scene), None

@@ -3,6 +3,8 @@
 import dataclasses
 import math
 from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,18 +21,38 @@ LEAST_STD = 1e-6  # m and rad: what a table calls exact
 NEAR_S = 0.5  # an image of a time is at most so far from it
 
 
-def with_places(recording: Recording, path: Path) -> tuple[Recording, Array, NDArray[np.intp]]:
+@dataclass(frozen=True)
+class Places:
+    """Rows of a table of places.
+
+    - path: of the file.
+    - rows: of each row its line in the file, and its numbers by column.
+    """
+
+    path: Path
+    rows: Sequence[tuple[int, Mapping[str, float]]]
+
+
+def read_places(path: Path) -> Places:
+    """Read a table of places.
+
+    It is CSV with the columns that the help of ``uuv_array calibrate`` explains; lines that begin
+    with # are comments. ValueError, with the line, for any other table; OSError for a file that
+    cannot be opened.
+    """
+    return Places(path, _rows(path))
+
+
+def with_places(recording: Recording, places: Places) -> tuple[Recording, Array, NDArray[np.intp]]:
     """Return the images of a recording that a table names, with the poses that it gives them.
 
     With them come the poses' standard deviations, m and rad, ``(m, 5)``, and each image's place,
-    its row of the table from 0 on, ``(m,)``. Images that no row names are counted as left out. The
-    table is CSV with the columns that the help of ``uuv_array calibrate`` explains; lines that
-    begin with # are comments. ValueError, with the line, for any other table, and for a row without
-    images or with those of another row; OSError for a file that cannot be opened.
+    its row of the table from 0 on, ``(m,)``. Images that no row names are counted as left out.
+    ValueError, with the line, for a row without images or with those of another row.
     """
+    path, rows = places.path, places.rows
     seconds = (recording.stamps_ns - recording.stamps_ns[0]) * 1e-9
     chosen: dict[int, int] = {}
-    rows = _rows(path)
     for place, (line, row) in enumerate(rows):
         images = _images(row, seconds)
         if not images or chosen.keys() & images:
@@ -87,7 +109,7 @@ def _rows(path: Path) -> list[tuple[int, dict[str, float]]]:
     return rows
 
 
-def _images(row: dict[str, float], seconds: Array) -> list[int]:
+def _images(row: Mapping[str, float], seconds: Array) -> list[int]:
     if "image" in row:
         last = row.get("last_image", row["image"])
         return [i for i in range(len(seconds)) if row["image"] <= i <= last]

@@ -142,6 +142,7 @@ def test_a_table_that_cannot_be_used_is_refused_before_the_bag_is_read(tmp_path)
     bag, table = tmp_path / "bag", tmp_path / "places.csv"
     words = "calibrate", bag, "--places", table
     assert f"{table}: No such file" in run(*words, code=2)
+    assert f"{table}: No such file" in run("calibrate", bag, "--trajectory", table, code=2)
     pose = np.array([-3, 0.1, 0.2, 0.1, -0.2])
     table.write_text(f"image,{HEAD}\n0,{line(pose, -STDS)}\n", "utf-8")
     assert f"{table}: line 2: x_std_m: -0.004; give a number" in run(*words, code=1)

@@ -91,15 +91,17 @@ def read_light(args: argparse.Namespace, scene: Scene, poses_needed: bool = True
             f"--detectors: {args.bag} is not a table of readings; a bag has images of the scene's "
             "array, so give a .csv"
         )
+    course = None
+    if args.trajectory:
+        course = Course(read_table(files.user_path(args.trajectory)), dict(args.set)["max_gap_s"])
     if not is_table(args.bag):
-        needed = poses_needed and args.trajectory is None
+        needed = poses_needed and course is None
         recording, layout = bag.read_bag(args, scene, needed), None
         columns: dict[str, Array] = {}
         timed = True
     else:
         recording, layout, columns, timed = _read(args, scene)
-    if args.trajectory:
-        course = Course(read_table(files.user_path(args.trajectory)), dict(args.set)["max_gap_s"])
+    if course:
         recording, columns = dataclasses.replace(recording, poses_at=course.at), {}
         # A table without times counts its rows, which is no time of a course.
         if not timed:

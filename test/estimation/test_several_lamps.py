@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from fits import CountedGuide, frame_of, guide_from, guide_to, kinds_of
+from fits import CountedGuide, frame_of, guide_from, guide_to, kinds_of, writer_of_fits
 from scenes import changed, squared_error, with_prior
 from scipy.integrate import trapezoid
 
@@ -13,7 +13,6 @@ from uuv_optical_array.core.geometry import rolled, turned_about_beam
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.information.linearised import write_linear
 from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOTHING, NOWHERE, ONE_STEP
 from uuv_optical_array.estimation.least_squares.image_fit import CLEAR, ImageFit, pose_prior
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
@@ -200,9 +199,7 @@ POSE = np.array([-5.5, 0.3, -0.2, 0.1, -0.15])
 def clear_fit(estimator):
     """Return what fits a clear frame, problem and way, from the true pose, beside its kind."""
     kinds, guide = kinds_of(MODEL), guide_from(guide_to(MODEL), POSE)
-    names, write = estimator.constants.names, write_linear
-    if compilation.installed():
-        write = compilation.compiled(write_linear)
+    names, write = estimator.constants.names, writer_of_fits()
     precision = np.diag(1 / np.square(pose_prior(SCENE)[1]))
     linear = LinearModel(MODEL, kinds, names, precision, write)
     frame = frame_of(kinds[0].problem, guide)

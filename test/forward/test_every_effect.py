@@ -9,12 +9,12 @@ import pytest
 import second_forward
 from differences import extrapolated_slopes
 from drawn_effects import any_scenes, poses, scenes
+from fits import writer_of_fits
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from needs import numba
 
-from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.information.linearised import Lineariser, write_linear
+from uuv_optical_array.estimation.information.linearised import Lineariser
 from uuv_optical_array.forward.effects import EFFECTS, MOVING
 from uuv_optical_array.forward.light import COSINE
 from uuv_optical_array.forward.model import ForwardModel
@@ -147,8 +147,7 @@ def test_compiled_light_and_slopes_are_those_of_numpy(name, data):
     offsets = offsets_for(data, model)
     at = np.array([*data.draw(poses), *offsets.values()])
     roll, dark = data.draw(rolls), np.zeros(model.image_shape).ravel()
-    writing = write_linear, compilation.compiled(write_linear)
-    ways = (Lineariser(model, tuple(offsets), write) for write in writing)
+    ways = (Lineariser(model, tuple(offsets), write) for write in (None, writer_of_fits()))
     plain, found = (linearise(dark, at, roll) for linearise in ways)
     for ours, theirs in (
         (found.light, plain.light),

@@ -1,5 +1,7 @@
 """Parts of the fit of an image, put together from the public ones as the estimator does."""
 
+import functools
+
 import numpy as np
 from scipy.special import ndtri
 
@@ -7,6 +9,7 @@ from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import EstimatorSettings
 from uuv_optical_array.estimation.least_squares.frame import (
     BELIEVED,
+    LINEARISED,
     NOTHING,
     NOWHERE,
     estimate_frame,
@@ -16,6 +19,7 @@ from uuv_optical_array.estimation.least_squares.image_fit import ImageFit, pose_
 from uuv_optical_array.estimation.least_squares.problem import Problem
 from uuv_optical_array.estimation.least_squares.starts import Guide, guide_of
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 
 
 def kinds_of(model):
@@ -39,6 +43,23 @@ def frame_of(problem, guide):
     if not compilation.installed():
         return estimate_frame
     return compilation.prepare(estimate_frame, problem, guide, BELIEVED, NOWHERE, NOTHING)
+
+
+@functools.cache
+def writer_of_fits():
+    """Return what writes as `write_linear` does, by what fits frames: it is compiled once for all.
+
+    By itself each process would compile it again.
+    """
+    model = ForwardModel(load_scene("reference"))  # it is the same in every scene
+    problem, guide = kinds_of(model)[0].problem, guide_to(model)
+    frame = frame_of(problem, guide)
+
+    def write(optics, noise, readings, at, roll, linear):
+        given = {"optics": optics, "noise": noise, "readings": readings, "roll": roll}
+        frame(problem._replace(**given), guide, LINEARISED, at, linear)
+
+    return write
 
 
 def fit_of(estimator):

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from fits import writer_of_fits
 from needs import numba
 
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.likelihood import log_likelihood
-from uuv_optical_array.estimation.information.linearised import Lineariser, write_linear
+from uuv_optical_array.estimation.information.linearised import Lineariser
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import constants_of
 from uuv_optical_array.forward.model import ForwardModel
@@ -24,8 +25,7 @@ WAYS = pytest.mark.parametrize(
 @WAYS
 @pytest.mark.parametrize("names", [CONSTANTS.names, CONSTANTS.names[1:], ()], ids=len)
 def test_readings_are_linearised_about_the_models_light(fast, names):
-    write = compilation.compiled(write_linear) if fast else write_linear
-    linearise = Lineariser(MODEL, names, write)
+    linearise = Lineariser(MODEL, names, writer_of_fits() if fast else None)
     pose, roll = np.array([-4.0, 0.3, -0.2, 0.05, -0.1]), 0.2
     offsets = dict(zip(CONSTANTS.names, OFFSETS, strict=True))
     at = np.array([*pose, *(offsets[name] for name in names)])

@@ -6,13 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from fits import writer_of_fits
 
-from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.information.linearised import (
-    LinearisedReadings,
-    Lineariser,
-    write_linear,
-)
+from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
 from uuv_optical_array.estimation.tracking.correction import BROAD_SHARE
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -35,8 +31,7 @@ MODEL = ForwardModel(
 @functools.cache
 def linearise():
     """Make the lineariser, compiled where it can be, when a test runs."""
-    write = compilation.compiled(write_linear) if compilation.installed() else write_linear
-    return Lineariser(MODEL, NAMES, write)
+    return Lineariser(MODEL, NAMES, writer_of_fits())
 
 
 def sweep(rng):
@@ -98,8 +93,7 @@ def tracked(frame, course=sweep, seas=6):
             by_std.append((track.pose - pose) / np.sqrt(track.covariance.diagonal()))
             if k > 0.8 * FRAMES:
                 tracks.append(track.pose[0] - pose[0])
-                single, _ = fitted(image, place, np.zeros(4), np.diag(STDS**2))
-                singles.append(single.at[0] - pose[0])
+                singles.append(found.at[0] - pose[0])
         learnt = np.array([*track.constants.values()])
         of_constants.append(np.sum(np.square((learnt[:, 0] - truth) / learnt[:, 1])))
     return [np.array(part) for part in (of_pose, of_constants, by_std, tracks, singles)]

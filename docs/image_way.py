@@ -180,7 +180,7 @@ def estimated(left: float, top: float, estimate: Estimate) -> list[str]:
 def image_way() -> str:
     """Return the drawing of the way of one image."""
     scene = load_scene("follow")
-    model, estimator = ForwardModel(scene), Estimator(scene, compiled=False)
+    model, estimator = ForwardModel(scene), Estimator(scene).wait()
     seen = [shaded(model, shade) for shade in SHADES]
     estimates = [estimator.estimate(image) for image in seen]
     guide = guide_of(model, STARTS, np.inf)

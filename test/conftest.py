@@ -118,9 +118,9 @@ FITTING = re.compile(
     "every_effect|example_scripts|examples|faults|film|fit|fit_compiler|follower_node|fuzz|"
     "hard_cases|lattice|light_tables|linearised|loop_of_nodes|many_poses|misfit|mixture|"
     "near_frames|node_parameters|notebook|outputs|paper|places|plausibility|poses|posterior|"
-    "programs|ranges|readme_figures|record|rehearsal|replay|robustness|security|several_lamps|"
-    "signature_table|track_of_images|tracking_constants|tracking_manoeuvres|tracking_seas|"
-    "tracking_shades|tradeoff|transport|uneven_light|view|view_sources)"
+    "programs|ranges|readme_figures|record|reference|rehearsal|replay|robustness|security|"
+    "several_lamps|signature_table|track_of_images|tracking_constants|tracking_manoeuvres|"
+    "tracking_seas|tracking_shades|tradeoff|transport|uneven_light|view|view_sources)"
 )
 COMPILE = "from uuv_optical_array.estimation.fit_compiler import compile_fit; compile_fit()"
 COMPILER = []

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, Array
-from uuv_optical_array.view.sight import Window
+from uuv_optical_array.view.sight import WINDOW_S, Window
 
 ESTIMATE = "#5fe39a"  # on a dark ground
 LEGEND = (
@@ -15,7 +15,7 @@ LEGEND = (
 )
 ERRORS = LEGEND.format("estimate less truth", ESTIMATE, " about 0")
 ESTIMATES = LEGEND.format("estimate", ESTIMATE, "; the truth is not known")
-CHART_PX = 90
+CHART_PX = 70
 
 
 class Charts:
@@ -36,12 +36,12 @@ class Charts:
         if self._what.content != what:
             self._what.content = what
         for dof, chart in enumerate(self._charts):
-            chart.data = known(*window.bands(dof))
-        self._light.data = known(*window.peaks())
+            chart.data = _until_now(*window.bands(dof))
+        self._light.data = _until_now(*window.peaks())
 
 
 def _chart(gui: Any, title: str, *series: dict[str, Any], y: dict[str, Any] | None = None) -> Any:
-    """Return a chart of several values over time; without a range it scales itself."""
+    """Return a chart whose width is the last minute; without a range its values scale it."""
     text = {"font": "11px sans-serif", "stroke": "#c8d4e4"}
     small = {**text, "grid": {"stroke": "#ffffff18"}, "ticks": {"size": 4}}
     return gui.add_uplot(
@@ -49,11 +49,11 @@ def _chart(gui: Any, title: str, *series: dict[str, Any], y: dict[str, Any] | No
         ({"label": "time (s)"}, *series),
         title=title,
         height=CHART_PX,
-        padding=(8, 10, 0, 0),
-        scales={"x": {"time": False}, "y": y or {}},
+        padding=(8, 10, 8, 0),
+        scales={"x": {"time": False, "range": (-WINDOW_S, 0.0)}, "y": y or {}},
         legend={"show": False},
         cursor={"show": False},
-        axes=({**small, "size": 28}, {**small, "size": 44, "space": 11}),
+        axes=({"show": False}, {**small, "size": 44, "space": 11}),
     )
 
 
@@ -61,6 +61,11 @@ def _dots(label: str, colour: str) -> dict[str, Any]:
     """Return a series of dots: a line would bridge gaps."""
     points = {"show": True, "size": 2.5, "width": 0, "fill": colour}
     return {"label": label, "stroke": colour, "width": 0, "points": points}
+
+
+def _until_now(t_s: Array, *values: Array) -> tuple[Array, ...]:
+    """Return what a chart shows, its time before the last one, so that all have the same scale."""
+    return known(t_s - t_s[-1], *values)
 
 
 def known(t_s: Array, *values: Array) -> tuple[Array, ...]:

@@ -252,6 +252,7 @@ CHARTS = """(() => {
   return lengths == "29,29,29,29,29,30" && scaled ? shown : null;
 })()"""
 SLIDER = "document.querySelector('[role=slider]')"
+IMAGE = "[...document.querySelectorAll('img')].find(image => image.offsetHeight)"
 
 
 def colours(browser):
@@ -267,7 +268,7 @@ def sea(picture):
 
 def orange(picture):
     """Return how many pixels have a colour that only the leader has."""
-    red, green, blue = np.moveaxis(sea(picture), -1, 0)
+    red, green, blue = np.moveaxis(picture, -1, 0)
     return np.sum((red > 150) & (green > 80) & (green < 190) & (blue < 60))
 
 
@@ -316,12 +317,15 @@ def test_a_browser_shows_numbers_charts_image_and_leader_and_moves_a_slider(dim_
         np.testing.assert_allclose(light[0], np.arange(-29, 1) / 10, atol=1e-9)
         errors = [data for data in charts if len(data) == 4]
         assert sum(np.allclose(d[1], -0.1) and np.allclose(d[3], 0.6) for d in errors) == 1
+        top = "getBoundingClientRect().top"  # a phone shows sliders and state together
+        assert browser.evaluate(f"{IMAGE}.{top} > {SLIDER}.{top}")
         browser.evaluate(f"{SLIDER}.focus()")
         browser.key("ArrowRight")
         browser.until(f"{SLIDER}.getAttribute('aria-valuenow') == '0.6'")
         assert chosen[-1] == [pytest.approx(0.6)]
         end = time.monotonic() + PATIENCE_S
-        while orange(colours(browser)) < 50:  # without a graphics card the first takes its time
+        # Without a graphics card the first takes its time.
+        while orange(sea(colours(browser))) < 50:
             assert time.monotonic() < end, "no leader to be seen"
         lit = sea(colours(browser))
         page.show(sight(3.0, lit=(False,)))
@@ -332,3 +336,13 @@ def test_a_browser_shows_numbers_charts_image_and_leader_and_moves_a_slider(dim_
             "r => r.name.startsWith(location.origin)"
             " || r.name.startsWith('data:') || r.name.startsWith('blob:'))"
         )
+
+
+@pytest.mark.skipif(installed() is None, reason="no Chromium: apt-get install chromium")
+def test_a_phone_shows_the_leader_above_the_panels(dim_page):
+    dim_page.show(sight(0.0))
+    with Browser(dim_page.url, (390, 844)) as browser:
+        browser.until("document.body.innerText.includes('0.0 s')")
+        end = time.monotonic() + PATIENCE_S
+        while orange(colours(browser)[:338]) < 50:
+            assert time.monotonic() < end, "no leader to be seen"

@@ -41,6 +41,7 @@ PATH_POINTS = 300  # of a vehicle's path behind it
 STEP_M = 0.2  # between them
 FLOOR_M, SECTION_M = 2.5, 5.0  # below where the leader starts; of the lines on it
 NIGHT, LAMP = (7, 24, 46), (255, 214, 110)
+WIDE = 0.8  # aspect, width by height, from which on a picture shows leader and follower
 WIDTH_PX, LEFT_PX, IMAGE_PX = 360, 300, 250
 GAPS = (0, 0), (0, 2), (0, 0)  # pixels beside the image of each lamp
 
@@ -94,15 +95,20 @@ class Page:
         dusk = np.linspace(1.7, 0.5, 64)[:, None, None] * np.array(NIGHT)  # lighter above
         sea.set_background_image(np.clip(dusk, 0, 255).astype(np.uint8).repeat(64, axis=1))
         sea.configure_default_lights(cast_shadow=False)
-        middle = self._range_m * np.array([-0.42, 0.0, 0.04])
-        server.initial_camera.position = middle + self._range_m * np.array([-0.25, -1.2, 0.33])
-        server.initial_camera.look_at = middle
-        server.initial_camera.fov = np.radians(50)
+        camera = server.initial_camera
+        camera.position, camera.look_at = _seen_from(self._range_m, WIDE)
+        camera.fov = np.radians(50)
+        server.on_client_connect(self._aim)
         self._sea = sea.add_frame("/sea", show_axes=False)
         lines = {"cell_size": 1.0, "section_size": SECTION_M, "fade_distance": 45.0}
         colours = {"cell_color": (38, 66, 98), "section_color": (58, 94, 134)}
         self._floor = sea.add_grid("/sea/floor", 80.0, 80.0, **lines, **colours)
         self._floor.position = 0.0, 0.0, -FLOOR_M
+
+    def _aim(self, client: Any) -> None:
+        camera = client.camera
+        if camera.aspect < WIDE:
+            camera.position, camera.look_at = _seen_from(self._range_m, camera.aspect)
 
     def _draw_vehicles(self) -> None:
         sea, array = self._server.scene, build_array(self._scene.array)
@@ -154,7 +160,9 @@ class Page:
         label = f"image of the array{by_lamp}, port on the left, up on top"
         self._state = gui.add_html(headline(None, 0.0))
         self._words = gui.add_html("")
-        self._image = gui.add_image(np.zeros((8, 8, 3), np.uint8), label=label, format="png")
+        # Below the sliders, so that a phone shows these together with the state.
+        black, last = np.zeros((8, 8, 3), np.uint8), math.inf
+        self._image = gui.add_image(black, label=label, format="png", order=last)
         right = gui.add_panel()
         right.dock_right()
         right.set_width(WIDTH_PX)
@@ -287,6 +295,18 @@ class Page:
         segments = np.stack([points[:-1], points[1:]], axis=1)
         scene, name = self._server.scene, f"/sea/{name}_path"
         scene.add_line_segments(name, segments, _rgb(colour), thickness=0.03)
+
+
+def _seen_from(range_m: float, aspect: float) -> tuple[Array, Array]:
+    """Return where the camera is and where it looks, by the lamp's range and the picture's aspect.
+
+    A narrow picture is taken from farther away, and shows leader and follower in its upper part: on
+    a phone the panels cover the lower one.
+    """
+    farther = max(1.0, WIDE / aspect)
+    middle = range_m * np.array([-0.42, 0.0, 0.04])
+    place = middle + farther * range_m * np.array([-0.29, -1.4, 0.38])
+    return place, middle - range_m * np.array([0.0, 0.0, farther - 1.0])
 
 
 def _free_port(host: str, port: int) -> int:

@@ -253,6 +253,11 @@ CHARTS = """(() => {
 })()"""
 SLIDER = "document.querySelector('[role=slider]')"
 IMAGE = "[...document.querySelectorAll('img')].find(image => image.offsetHeight)"
+BRIGHTEST = f"""(() => {{
+  const canvas = document.createElement('canvas').getContext('2d');
+  canvas.drawImage({IMAGE}, 0, 0);
+  return Math.max(...canvas.getImageData(0, 0, 250, 150).data.filter((_, i) => i % 4 < 3));
+}})()"""
 
 
 def colours(browser):
@@ -317,6 +322,7 @@ def test_a_browser_shows_numbers_charts_image_and_leader_and_moves_a_slider(dim_
         np.testing.assert_allclose(light[0], np.arange(-29, 1) / 10, atol=1e-9)
         errors = [data for data in charts if len(data) == 4]
         assert sum(np.allclose(d[1], -0.1) and np.allclose(d[3], 0.6) for d in errors) == 1
+        assert browser.evaluate(BRIGHTEST) > 200
         top = "getBoundingClientRect().top"  # a phone shows sliders and state together
         assert browser.evaluate(f"{IMAGE}.{top} > {SLIDER}.{top}")
         browser.evaluate(f"{SLIDER}.focus()")
@@ -328,7 +334,8 @@ def test_a_browser_shows_numbers_charts_image_and_leader_and_moves_a_slider(dim_
         while orange(sea(colours(browser))) < 50:
             assert time.monotonic() < end, "no leader to be seen"
         lit = sea(colours(browser))
-        page.show(sight(3.0, lit=(False,)))
+        page.show(sight(3.0, lit=(False,), image=2 * np.eye(5)))
+        browser.until(f"{BRIGHTEST} < 150")  # noise is not drawn as light
         while np.sum(np.abs(sea(colours(browser)) - lit).max(axis=-1) > 3) < 2000:
             assert time.monotonic() < end, "the beam of a lamp that is off"
         assert browser.evaluate(

@@ -43,6 +43,7 @@ FLOOR_M, SECTION_M = 2.5, 5.0  # below where the leader starts; of the lines on 
 NIGHT, LAMP = (7, 24, 46), (255, 214, 110)
 WIDE = 0.8  # aspect, width by height, from which on a picture shows leader and follower
 WIDTH_PX, LEFT_PX, IMAGE_PX = 360, 300, 250
+FAINT = 0.01  # of full scale; an image that is darker is not drawn brighter, as it may be noise
 GAPS = (0, 0), (0, 2), (0, 0)  # pixels beside the image of each lamp
 
 
@@ -243,9 +244,10 @@ class Page:
             self._charts.show(self._window)
 
     def _show_image(self, image: Array) -> None:
-        self._detectors.colors = _coloured(together(image)).reshape(-1, 3)
+        faint = FAINT * self._scene.full_scale_counts
+        self._detectors.colors = _coloured(together(image), faint).reshape(-1, 3)
         side = image.shape[1]
-        lamps = _coloured(image).reshape(-1, side, side, 3)
+        lamps = _coloured(image, faint).reshape(-1, side, side, 3)
         cell = np.ones((max(1, IMAGE_PX // (side * len(lamps))),) * 2 + (1,), np.uint8)
         beside = np.hstack([np.pad(np.kron(lamp, cell), GAPS) for lamp in lamps])
         self._image.image = beside[:, : -GAPS[1][1]]
@@ -333,8 +335,8 @@ def _wxyz(turn: Array) -> Array:
     return np.roll(Rotation.from_matrix(turn).as_quat(), 1)
 
 
-def _coloured(image: Array) -> NDArray[np.uint8]:
-    colours: NDArray[np.uint8] = colormaps[IMAGES](image / max(image.max(), 1.0), bytes=True)
+def _coloured(image: Array, faint: float) -> NDArray[np.uint8]:
+    colours: NDArray[np.uint8] = colormaps[IMAGES](image / max(image.max(), faint), bytes=True)
     return colours[..., :3]
 
 

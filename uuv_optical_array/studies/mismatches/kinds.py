@@ -191,7 +191,7 @@ KINDS = (
     *_kinds("width_x{by:g}", seas.wider, "The array is 5 % wider.", ARRAY_CURE,
             (1.05,), needs="sphere"),
     *_kinds("lamp_axis_{by:g}", seas.turned_lamp,
-            "The lamp points {by:g} deg to port of its frame.",
+            "The lamp's beam points {by:g} deg to starboard of its frame's -x.",
             "Turn the lamp, or `beacon`, by what `uuv_array calibrate` finds.",
             (2.0,), "lamp_aim_std_deg"),
     *_kinds("scattering_x{by:g}", lambda sea, by: sea.offset(prior.SCATTERING, np.log(by)),

@@ -190,7 +190,7 @@ def wider(sea: Sea, by: float) -> Array:
 
 
 def turned_lamp(sea: Sea, by: float) -> Array:
-    """Turn the lamp to port, deg."""
+    """Turn the lamp to port, deg, so that its beam, which points astern, goes to starboard."""
     aims, bow_m = np.radians([0.0, by, 0.0, 0.0]), sea.model.scene.array.bow_m
     poses, rolls, _ = appearing(sea.poses, np.zeros(len(sea.poses)), aims, bow_m)
     return sea.model.light(poses, rolls)

@@ -45,6 +45,12 @@ def test_sliders_and_conditions_are_each_others_inverse(powers):
         assert slider.low <= slider.value <= slider.high, slider.label
 
 
+@pytest.mark.parametrize(("dims", "clear"), [("attenuation", "0.05"), ("absorption", "0.114")])
+def test_the_slider_of_the_water_says_what_measured_waters_have(dims, clear):
+    hint = sliders(Conditions(0.2), dims)[0].hint
+    assert f"{clear} clear ocean" in hint  # Eren et al. (2016), Petzold (1972)
+
+
 def test_sliders_act_between_two_steps_and_a_button_begins_again(table):
     paper = Paper()
     estimator = Estimator(table, "sam", max_angle_rad=0.0)

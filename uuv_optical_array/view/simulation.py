@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.forward.effects.waters import EREN_KD_PER_M, PETZOLD_PER_M
 from uuv_optical_array.view.closed_loop import Conditions, ViewedLoop
 from uuv_optical_array.view.page import Page, Slider
 
@@ -21,7 +22,10 @@ def sliders(conditions: Conditions, dims: str = "attenuation") -> list[Slider]:
     along, aside, _ = conditions.current_m_per_s
     powers = conditions.lamp_power
     k_per_m, plume = conditions.k_per_m, conditions.plume_depth
-    water = "Of the water: 0.05 clear ocean, 0.1 coastal"
+    clear, coastal = EREN_KD_PER_M.values()
+    if dims == "absorption":
+        (clear, _), (coastal, _), _ = PETZOLD_PER_M.values()
+    water = f"Of the water: {clear:g} clear ocean, {coastal:g} coastal"
     names = [f"power of lamps[{i}]" for i in range(len(powers))] if powers[1:] else ["lamp power"]
     lamps = zip(names, powers, strict=True)
     cloud = "Optical depth in the middle of a cloud of sediment; 0 is none"

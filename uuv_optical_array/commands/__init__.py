@@ -98,7 +98,8 @@ def _refuse_early_option(parser: argparse.ArgumentParser, words: list[str]) -> N
 
     argparse would take the option's value for that name, and name only the value.
     """
-    name = next(iter(words[words[:1] == ["study"] :]), "").partition("=")[0]
+    rest = words[1:] if words[:1] == ["study"] else words
+    name = rest[0].partition("=")[0] if rest else ""
     if name.startswith("-") and not any(own.startswith(name) for own in OWN_OPTIONS):
         near = options.meant(name, OWN_OPTIONS)
         parser.error(f"unrecognized arguments: {name}{near or '; give options after the command'}")

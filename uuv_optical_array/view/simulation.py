@@ -22,9 +22,10 @@ def sliders(conditions: Conditions, dims: str = "attenuation") -> list[Slider]:
     along, aside, _ = conditions.current_m_per_s
     powers = conditions.lamp_power
     k_per_m, plume = conditions.k_per_m, conditions.plume_depth
-    clear, coastal = EREN_KD_PER_M.values()
     if dims == "absorption":
-        (clear, _), (coastal, _), _ = PETZOLD_PER_M.values()
+        (clear, _), (coastal, _) = PETZOLD_PER_M["petzold_clear"], PETZOLD_PER_M["petzold_coastal"]
+    else:
+        clear, coastal = EREN_KD_PER_M["eren2016_clear"], EREN_KD_PER_M["eren2016_coastal"]
     water = f"Of the water: {clear:g} clear ocean, {coastal:g} coastal"
     names = [f"power of lamps[{i}]" for i in range(len(powers))] if powers[1:] else ["lamp power"]
     lamps = zip(names, powers, strict=True)

@@ -107,9 +107,15 @@ class Page:
         self._floor.position = 0.0, 0.0, -FLOOR_M
 
     def _aim(self, client: Any) -> None:
-        camera = client.camera
-        if camera.aspect < WIDE:
-            camera.position, camera.look_at = _seen_from(self._range_m, camera.aspect)
+        """Aim a browser's camera, and anew whenever it is where it is at first, or reset."""
+
+        def aim(camera: Any) -> None:
+            begun, _ = _seen_from(self._range_m, WIDE)
+            if camera.aspect < WIDE and np.allclose(camera.position, begun, atol=1e-3):
+                camera.position, camera.look_at = _seen_from(self._range_m, camera.aspect)
+
+        client.camera.on_update(aim)
+        aim(client.camera)
 
     def _draw_vehicles(self) -> None:
         sea, array = self._server.scene, build_array(self._scene.array)

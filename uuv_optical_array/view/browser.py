@@ -43,7 +43,7 @@ class Browser:
         out = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
         # In a session of its own a terminal's Ctrl-C does not reach it.
         words: dict[str, Any] = {**out, "text": True, "start_new_session": True}
-        self._process = subprocess.Popen([program, *options, url], **words)
+        self._process = subprocess.Popen([program, *options, "about:blank"], **words)
         self._calls = 0
         try:
             with urllib.request.urlopen(f"{self._address()}/json/list", timeout=PATIENCE_S) as tabs:
@@ -52,6 +52,7 @@ class Browser:
             width, height = size_px
             size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
             self._call("Emulation.setDeviceMetricsOverride", **size)
+            self._call("Page.navigate", url=url)  # the page has its size from the start
         except BaseException:
             self.close()
             raise

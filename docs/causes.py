@@ -12,7 +12,7 @@ CAUSES = {
     "no pattern": (
         "All detectors read the same, dark or full scale: lamp too near, array shorted, daylight."
     ),
-    "above full scale": "A reading exceeds the full scale of the scene's converter.",
+    "above full scale": "A reading exceeds the scene's full scale: of converter or saturation.",
     "not five finite numbers": "The message has no valid key parameters.",
     "not of this array": "A key parameter is impossible for the scene's array.",
     "another image": "The key parameters are not those of the image with their stamp.",
@@ -24,13 +24,15 @@ CAUSES = {
     "outlier": (
         "The pose is too far from the track: a reflection, another lamp, or too fast a manoeuvre."
     ),
-    "too uncertain": "The range is too uncertain to steer by: `mismatch`, or dark images.",
+    "too uncertain": "The range is too uncertain to steer by, as by few or dim readings.",
     "late frame": (
         "A newer frame came first. The late one is not published; within `buffer_s` it is tracked."
     ),
     "repeated stamp": "Two frames have the same stamp.",
     "stamp not later": "A stamp is repeated, missing, or in the wrong order.",
-    "stamp ahead": "The stamp of a single image is ahead of the node's clock.",
+    "stamp ahead": (
+        "A stamp leaps ahead of the node's clock: of an image, a range or the leader's motion."
+    ),
     "wrong frame": "The track is not in `beacon_frame`.",
     "no image": "Key parameters came without an image of their stamp.",
     "no table": "The signature table could not be read.",
@@ -40,7 +42,7 @@ CAUSES = {
     ),
     "no orientation": "The IMU gives no orientation.",
     "not finite": "NaN or infinity, in a message or, if `not published`, by this node.",
-    "out of bounds": "A number is too large; are its units m, m/s and rad/s?",
+    "out of bounds": "A number is too large or too small; are its units m, m/s and rad/s?",
     "bad attitude": "A quaternion does not have the length 1.",
     "wrong encoding": "The image is not mono16.",
     "wrong size": "The image, or the key parameters, are not of the scene's array.",
@@ -52,7 +54,7 @@ CAUSES = {
     "pose": "The pose is out of bounds, or not later than the one before.",
     "covariance": "The covariance is missing, not positive definite or out of bounds.",
     "range": "The range is not a distance in m.",
-    "range std": "The range has no standard deviation in m.",
+    "range std": "The range's standard deviation is out of bounds.",
     "false range": "The range is too far from the track: an echo, or a lamp or sea that changed.",
     "late range": "The range is older than `buffer_s`, and not used.",
     "repeated range": "Two ranges have the same stamp; the first is used.",
@@ -66,7 +68,7 @@ CAUSES = {
     "no state": "The message is not that of a formation node.",
     "frames differ": "The odometries are in two frames.",
     "paused": (
-        "The simulated clock jumped, or the node had no time for seconds; no vehicle moved."
+        "The simulated clock jumped, or the node was busy for a second or more; no vehicle moved."
     ),
     "no input": "The node received nothing that it could answer.",
     "no output": "Poses arrive, but do not steer yet: they first have to agree for `settle_s`.",
@@ -95,7 +97,9 @@ CAUSES = {
     "not engaged": "The node was told not to steer, by `~/engage` or `start_engaged`.",
     "follower waits": "The demonstration's follower has no leader.",
     "left out": "Another vehicle's odometry is missing: the image lacks its lamp and its body.",
-    "leader waits": "A follower's first command, or its compiled fit, is missing.",
+    "leader waits": (
+        "A follower's first command, its leader's light or its compiled fit is missing."
+    ),
     "table": "The folder is missing, damaged or of another scene.",
     "scene": "No pose of the scene's table has light.",
 }

@@ -224,7 +224,7 @@ def nodes(topics: Sequence[tuple[str, bool, str, str]]) -> str:
     width, height = 305 + 145 * len(order), 150 + 46 * len(ends)
     parts = []
     for first, last, text in (
-        ("vehicles", "simulator", "of the demonstration alone"),
+        ("vehicles", "simulator", "in simulation alone"),
         ("feature", "formation", "on the follower; all three in one: follower_node"),
     ):
         left, right = column[f"{first}_node"] - 66, column[f"{last}_node"] + 66
@@ -259,6 +259,6 @@ def nodes(topics: Sequence[tuple[str, bool, str, str]]) -> str:
     parts += [
         dot(20, y - 5, 6, fill=INK), words(32, y, "publishes"),
         dot(130, y - 5, 6, fill="white", stroke=INK, stroke_width=2), words(142, y, "subscribes"),
-        words(250, y, "an arrow from or to no node: from or for your vehicle"),
+        words(250, y, "an arrow from or to no node: from or to other programs or vehicles"),
     ]  # fmt: skip
     return picture(width, height, parts)

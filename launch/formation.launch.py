@@ -1,4 +1,4 @@
-"""A leader and several followers, each with its nodes in a namespace of its own."""
+"""A leader and followers, each of these with its nodes in a namespace of its own."""
 
 from launch import LaunchDescription
 from launch.actions import IncludeLaunchDescription, OpaqueFunction

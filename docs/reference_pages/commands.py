@@ -96,11 +96,13 @@ def commands() -> list[str]:
         "# Commands",
         "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`, otherwise "
         "`.venv/bin/uuv_array COMMAND`; `--help` has examples. Defaults are in brackets. The exit "
-        "code is 1 if the result is negative, such as a lost leader, 2 for a bad value, and 130 "
-        "after Ctrl-C; a study then reports what it has.",
+        "code is 1 if the result is negative, such as a lost leader, or the work fails, 2 for an "
+        "unusable command line, and 130 after Ctrl-C; a study, except `paper`, then reports what "
+        "it has.",
         "## Common options",
         option_list({name: of for name, of in common.items() if name not in settings}),
-        "By `--set`, of a bag (`calibrate` takes neither commands nor states):",
+        "By `--set`, of a bag or a table (`calibrate` takes neither commands nor states, `view` "
+        "no table):",
         option_list({name: common[name] for name in settings}),
     ]
     for parser in parsers:

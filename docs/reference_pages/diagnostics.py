@@ -20,16 +20,20 @@ VALUES = (
     ),
     (
         "`Earliest timestamp delay:`, `Latest timestamp delay:`",
-        "all",
+        "all but vehicles",
         "age of a stamp at the answer, s",
     ),
-    ("`Timestamp jitter (s)`", "all", "standard deviation of the time between stamps"),
+    (
+        "`Timestamp jitter (s)`",
+        "all but vehicles",
+        "standard deviation of the time between stamps",
+    ),
     ("`cure: ...`", "all", "what to do about each text"),
-    ("`peak_counts`", "simulator, feature", "brightest detector, counts"),
+    ("`peak_counts`", "simulator, feature, view", "brightest detector, counts"),
     (
         "`light_level`, `saturated_share`",
         "feature",
-        "brightest detector (near 0: dim), and share of those at full scale",
+        "brightest detector over full scale (near 0: dim), and share of those at full scale",
     ),
     ("`range_m`", "simulator, formation", "distance behind the lamp, m"),
     ("`sea`", "simulator", "differences of the simulated sea from the scene"),
@@ -90,8 +94,8 @@ def diagnostics() -> list[str]:
     return [
         *parts,
         "## Values",
-        "Counts are since the start, all else of the last answered message or second. The nodes "
-        "are in brackets.",
+        "Counts are since the start, those of the window of up to 5 s, all else of the last "
+        "answered message or second. The nodes are in brackets.",
         "\n".join(f"- {names} ({of}): {meaning}" for names, of, meaning in VALUES),
     ]
 

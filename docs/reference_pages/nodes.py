@@ -163,16 +163,17 @@ def topics() -> list[str]:
     ]
     return [
         "# Topics",
-        "Names are relative and can be remapped. Publishers are reliable, subscriptions have "
-        "sensor-data QoS; `qos_overrides` parameters change both. Every node also publishes "
-        "`/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz, with `publish_tf` some `/tf`. "
-        "`<n>` counts the followers of a leader alone, `<other>` is each of `others`. Filled marks "
-        "publish, open ones subscribe.",
+        "Names are relative and can be remapped. Publishers are reliable, subscriptions best "
+        "effort, but those of `follow_state` reliable; `qos_overrides` parameters change both. "
+        "Every node also publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz, with "
+        "`publish_tf` some `/tf` or `/tf_static`. `<n>` counts the followers of a leader alone, "
+        "`<other>` is each of `others`. Filled marks publish, open ones subscribe.",
         "![Nodes and topics](../pictures/nodes.svg)",
         table(("topic", "type", "published by", "subscribed by"), rows),
         "\n".join(
             [
-                "- `array/image`: mono16, counts; row 0 is the top, column 0 the port edge.",
+                "- `array/image`: mono16, counts; row 0 is the top, column 0 the port edge, unless "
+                "the scene has `array.wiring`; images of several lamps lie below one another.",
                 "- `array/features`: one point with FLOAT64 `peak`, `column`, `row`, "
                 "`skewness_horizontal` and `skewness_vertical`; no point without light.",
                 "- `relative_pose`: the follower's `base_link` in the leader's `beacon`, by one "
@@ -180,7 +181,7 @@ def topics() -> list[str]:
                 "lamp in the follower's `base_frame`.",
                 "- `follow_state`: what the follower does. Its message is "
                 "[the state](../how_to/operations.md#states), its values are `reason`, "
-                "`since (s)`, on the clock of the stamps, and `for (s)`. It comes at each change "
+                "`since (s)`, on the node's clock, and `for (s)`. It comes at each change "
                 "and at 1 Hz, and those who listen later get the last one.",
                 "- `markers`: for RViz, beam and body by `estimator_node`, station and state by "
                 "`formation_node`.",

@@ -5,6 +5,7 @@ import re
 import typing
 
 from reference_pages.markdown import first_sentence, setting_list
+from uuv_optical_array.core.settings import declared
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.lamp.lamps import BeaconLamp
 from uuv_optical_array.forward.prior import UNCERTAIN
@@ -19,11 +20,18 @@ CITATION = re.compile(r" \([^()]*\d{4}[^()]*\)")
 
 def scene() -> list[str]:
     """Return the page of the keys of a scene."""
+    needed = [
+        f"`{key}`"
+        for owner in GROUPS.values()
+        for key, setting in declared(owner).items()
+        if setting.required
+    ]
     parts = [
         "# Scene files",
         "A scene is a YAML 1.2 file with the groups below and [`effects`](effects.md). Keys are "
-        "shown with their default and, in brackets, their values, in the unit of the key; one "
-        "without a default must be given, except where its meaning says when.",
+        "shown with their default and, in brackets, their values, in the unit of the key. Of those "
+        "without a default, a scene that extends none must give "
+        f"{', '.join(needed[:-1])} and {needed[-1]}, and others where their meaning says so.",
         "## `extends`",
         "The scene that this one changes: a ready one, or a file by its path from this one's "
         "folder. Mappings are merged, lists and values replaced; `null` takes away a setting, an "

@@ -18,7 +18,7 @@ def add_bag(
     parser: argparse.ArgumentParser, settings: Settings = READING, without: str = ""
 ) -> None:
     """Add the bag, and settings, such as `READING`; `without` a bag that is done."""
-    about = "rosbag2's folder, or its .mcap or .db3 file"
+    about = "rosbag2's folder, or its .mcap or .db3 file; calibrate and estimate also take a .csv"
     about += f" (default: {without})" if without else ""
     parser.add_argument("bag", type=Path, nargs="?" if without else None, help=about)
     options.add_set(parser, settings)

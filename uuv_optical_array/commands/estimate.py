@@ -65,7 +65,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     about = "known part of the poses, by its column or the given value; may be repeated"
     known: dict[str, Any] = {"action": "append", "default": [], "type": light.known_column}
     parser.add_argument("--known", help=about, metavar="NAME[=VALUE]", **known)
-    outputs.add_folder(parser, "folder to make (default: that of the bag with _estimates)")
+    outputs.add_folder(parser, "folder to make (default: the bag's name with _estimates, here)")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -51,7 +51,9 @@ SEED = Quantity(
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument("--scene", help="ready scene or YAML file (default: the parameter file's)")
+    about = "ready scene or YAML file (default: the parameter file's; "
+    about += "without one, formation for several followers)"
+    parser.add_argument("--scene", help=about)
     about = f"{', '.join(PATHS)} or a CSV file (default: the parameter file's)"
     parser.add_argument("--leader-path", metavar="PATH", help=about)
     options.add_number(parser, "duration", DURATION, 60.0)

@@ -43,7 +43,10 @@ class FormationSettings:
     stop_time_s: Annotated[
         float,
         Quantity(
-            "time from lost light to standstill, which limits the approach speed", "s", 0.1, 60
+            "assumed time from lost light to standstill, which limits the approach speed",
+            "s",
+            0.1,
+            60,
         ),
     ] = 3.0
     bow_to_lamp: Annotated[

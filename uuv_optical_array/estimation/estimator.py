@@ -51,10 +51,23 @@ class EstimatorSettings:
         float, Quantity("largest spectral angle of a match", "rad", 0, math.pi)
     ] = 0.25
     neighbours: Annotated[
-        int, Quantity("number of rows of the table that the sam methods average", "rows", 2, 10_000)
+        int,
+        Quantity(
+            "number of nearest rows of the table: their spread is the covariance of the sam "
+            "methods, and their mean the pose of sam_interpolated",
+            "rows",
+            2,
+            10_000,
+        ),
     ] = 64
     candidates: Annotated[
-        int, Quantity("number of poses from which least_squares starts", "poses", 1, MOST_STARTS)
+        int,
+        Quantity(
+            "number of poses from which least_squares starts; more where few detectors are lit",
+            "poses",
+            1,
+            MOST_STARTS,
+        ),
     ] = 3
     max_misfit: Annotated[
         float, Quantity("probability that a valid image is refused for its residuals", "", 0, 0.5)

@@ -73,8 +73,9 @@ class ForwardModel(Readout):
     noise, own_noise, analogue_noise, saturation_counts
         Of readings, as of `Readout`.
     nuisances : tuple of str
-        Settings that a prior may leave uncertain, by dotted name, with `prior.unknown_forms`. The
-        offset of ``lamp.power`` is that of its logarithm, the others have the setting's unit.
+        Settings that a prior may leave uncertain, by dotted name, with `prior.unknown_forms`.
+        Offsets of `prior.LOGARITHMS`, and of the power of each of several lamps, are those of the
+        logarithm; the others have the setting's unit.
 
     Raises
     ------

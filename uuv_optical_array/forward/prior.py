@@ -28,7 +28,12 @@ ROLL = "follower.roll_rad"  # which several lamps show, as a turn about the beac
 # What is a lamp's own, in the order of the places of `lamps.one_of_lamps`, and its power.
 OWN_GEOMETRY = "x_m", "y_m", "z_m", "pitch_deg", "yaw_deg"
 OWN_POWER, OWN_FLOOR = "power", "floor_counts"
-LAMP_POWER = Quantity("power of all lamps, or of each, relative to the scene's; 0: off", "", 0, 100)
+LAMP_POWER = Quantity(
+    "power of the leader's lamps, one for all or one for each, relative to the scene's; 0: off",
+    "",
+    0,
+    100,
+)
 NO_POWER = 1e-300  # of a lamp that is off: its logarithm has to be finite
 LOGARITHMS = POWER, SCATTERING, RADIUS  # whose offset is that of their logarithm
 GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"

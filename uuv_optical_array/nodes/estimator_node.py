@@ -61,13 +61,20 @@ PARAMETERS = {
     "table": Parameter("", Quantity("folder of the signature table; empty: it is built in memory")),
     **parameters_of(EstimatorSettings),
     "use_image": Parameter(
-        True, Quantity("read array/image, with which the sam methods check a match"), True
+        True,
+        Quantity("read array/image: least_squares needs it, the sam methods check a match by it"),
+        True,
     ),
     **parameters_of(FeatureSettings),
     "use_imu": Parameter(False, Quantity("read the follower's roll from imu"), True),
     "max_imu_age_s": Parameter(
         0.2,
-        Quantity("largest time between an image and the roll that is used with it", "s", 0.001, 10),
+        Quantity(
+            "time between an image and the last roll beyond which this is less certain",
+            "s",
+            0.001,
+            10,
+        ),
     ),
     "roll_std_rad": Parameter(
         ROLL_STD_RAD,
@@ -89,7 +96,7 @@ PARAMETERS = {
     **parameters_of(TrackerSettings),
     **shared("beacon_frame"),
     "tf_child_frame": Parameter(
-        FOLLOWER_FRAME, Quantity("frame of the follower in pose and odometry"), True
+        FOLLOWER_FRAME, Quantity("frame of the follower on /tf and in relative_odometry"), True
     ),
     "tf_parent": Parameter(
         "beacon",
@@ -98,7 +105,9 @@ PARAMETERS = {
         ("beacon", "base"),
     ),
     "leader_frame": Parameter(
-        "leader/base_link", Quantity("parent of beacon_frame on /tf_static; empty: none"), True
+        "leader/base_link",
+        Quantity("frame that /tf_static ties beacon_frame to; empty: none"),
+        True,
     ),
 }
 # What needs a new estimator, and what a new track.

@@ -36,7 +36,8 @@ class FeatureSettings:
     """Which images show no lamp; parameters of the feature node."""
 
     min_peak_counts: Annotated[
-        float, Quantity("peak below which an image has no light", "counts", 0, 65535)
+        float,
+        Quantity("peak above darkness, below which an image has no light", "counts", 0, 65535),
     ] = 5.0
 
 

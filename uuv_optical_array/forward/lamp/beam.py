@@ -38,7 +38,12 @@ class LampSettings:
     ]
     reference_counts: Annotated[
         float,
-        Quantity("largest reading of an aligned array at the reference range", "counts", 1, 1e6),
+        Quantity(
+            "largest reading of an aligned array by this lamp alone, at the reference range",
+            "counts",
+            1,
+            1e6,
+        ),
     ]
     reference_range_m: Annotated[
         float, Quantity("distance of base_link behind the lamp for that reading", "m", 0.1, 1000)

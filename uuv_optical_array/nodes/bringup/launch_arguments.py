@@ -19,7 +19,10 @@ COMMON = {
         "",
         "draw the sea from the scene's prior (default); false: it is exactly the scene's",
     ),
-    "use_respawn": ("false", "start a node again that ended; false: the launch ends with it"),
+    "use_respawn": (
+        "false",
+        "start a node again that ended; false: the launch ends with it; RViz may end in any case",
+    ),
     "rviz": ("false", "open RViz"),
     "rviz_config": ("", "configuration file of RViz"),
     "publish_tf": ("", "send poses to /tf; with rviz this is the default"),
@@ -27,7 +30,7 @@ COMMON = {
 }
 FOLLOW = {
     "scene": ("", SCENE),
-    "namespace": ("", "namespace of the follower's nodes"),
+    "namespace": ("", "namespace of the nodes"),
     "frame_prefix": ("", "prefix of each frame's name, such as `rov_2/`"),
     "leader_frame": ("", "the leader's frame on /tf"),
     "one_process": ("false", "run feature, estimator and formation node in follower_node"),

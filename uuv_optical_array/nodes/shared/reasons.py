@@ -12,7 +12,7 @@ REFUSALS = {
     "no pattern": (
         "Look at `array/image`; back off from the lamp; check the array's cable and gain."
     ),
-    "above full scale": "Set `effects.adc` to the bits of the mounted converter.",
+    "above full scale": "Set `effects.adc` and `effects.saturation` to those of the array.",
     "not five finite numbers": "Restart the feature node; check its input.",
     "not of this array": "Set the same `scene` for feature and estimator node.",
     "another image": _STAMPS,
@@ -22,14 +22,14 @@ REFUSALS = {
         "scene's `table`."
     ),
     "no fit": (
-        "Cover the lamp and look for other light in `array/image`; then calibrate. The values "
-        "`scene_...` say what differs from the scene."
+        "Cover the lamp and look for other light in `array/image`; then calibrate. Where some "
+        "images have a pose, the values `scene_...` say what differs from the scene."
     ),
     "outlier": (
         "If it lasts, raise `velocity_walk_m_per_s` and `turn_walk_deg_per_s`, and look at the "
         "value `own_motion`."
     ),
-    "too uncertain": "Correct what the estimator's diagnostics name.",
+    "too uncertain": "Bring the lamp into view, and correct what the estimator's diagnostics name.",
     "late frame": (
         "Reduce the load of the computer, and the delay of a network between array and estimator."
     ),
@@ -38,7 +38,7 @@ REFUSALS = {
         "Let the driver stamp each exposure; look for a second publisher, or for a clock that was "
         "set back. The node recovers by itself."
     ),
-    "stamp ahead": "If it lasts, let the driver stamp by a synchronised clock.",
+    "stamp ahead": "If it lasts, let the sender stamp by a synchronised clock.",
     "wrong frame": (
         "Set the same `beacon_frame` and `frame_prefix` for estimator and formation node."
     ),

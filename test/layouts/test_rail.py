@@ -121,6 +121,13 @@ def test_what_is_missing_of_a_place_is_named(rail, words, told):
     assert told in run(*command(folder, *words), code=code)
 
 
+def test_a_known_part_without_a_value_is_named_before_the_table_is_read(rail, tmp_path):
+    folder, *_ = rail
+    (tmp_path / "long.csv").write_text("no table\n")
+    told = run("calibrate", tmp_path / "long.csv", *command(folder, "--known", "z_m")[2:], code=2)
+    assert "--known z_m: no value; give z_m=VALUE" in told
+
+
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [

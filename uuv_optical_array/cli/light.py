@@ -157,10 +157,10 @@ def filled(recording: Recording, stamps_ns: NDArray[np.int64], starts: Array) ->
 
 def read_known(args: argparse.Namespace, scene: Scene) -> tuple[Light, list[str]]:
     """Return what tables, or a bag, give, and the parts of poses that they must leave open."""
-    told, known = read_light(args, scene), dict(args.known)
+    known = dict(args.known)
     if missing := [name for name, value in known.items() if value is None]:
         raise options.OptionError(f"--known {missing[0]}: no value; give {missing[0]}=VALUE")
-    told = with_known(told, known)
+    told = with_known(read_light(args, scene), known)
     lacking = np.isnan(told.recording.poses)
     for i, name in enumerate(POSE):
         if lacking[:, i].any() and name not in args.unknown:

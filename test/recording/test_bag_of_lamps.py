@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.recording.bag import RUN, opened
 
 pytestmark = rosbags
 IMAGES = 100
@@ -39,7 +40,7 @@ def bag(drive, tmp_path_factory):
 
 
 def test_a_scene_that_is_calibrated_on_a_bag_of_lamps_explains_its_images(bag, drive, tmp_path):
-    scene, poses, _, _ = drive
+    scene, poses, rolls, _ = drive
     calibrated, folder = tmp_path / "lights.yaml", tmp_path / "after"
     words = ("--scene", "leading_lights", "--noise", "-o", calibrated)
     assert "lamps.2.yaw_deg" in text_of(run, "calibrate", bag, *words)
@@ -63,3 +64,11 @@ def test_a_scene_that_is_calibrated_on_a_bag_of_lamps_explains_its_images(bag, d
     assert (np.sqrt(np.mean(off**2, axis=0)) < [0.05, 0.03, 0.03, 0.02, 0.02]).all()
     # As far off as the covariances say; all share the calibration's errors.
     assert 0.7 < np.sqrt(np.mean((off / std) ** 2)) < 1.3
+    # The lamps show the roll, too.
+    with opened(folder / "bag") as bag:
+        messages = [m for *_, m in bag.messages({"/relative_pose": RUN["relative_pose"]})]
+    attitudes = [message.pose.pose.orientation for message in messages]
+    found = Rotation.from_quat([[it.x, it.y, it.z, it.w] for it in attitudes]).as_euler("ZYX")
+    assert np.corrcoef(found[:, 2], rolls)[0, 1] > 0.2
+    stds = np.sqrt([message.pose.covariance[21] for message in messages])
+    assert 0.7 < np.sqrt(np.mean(((found[:, 2] - rolls) / stds) ** 2)) < 1.3

@@ -172,4 +172,4 @@ class Pipeline:
             estimate = self.estimate(stamp_ns, image, roll=roll)
         except NoPose as reason:
             return Answer(stamp_ns, None, None, str(reason))
-        return Answer(stamp_ns, estimate, self.track(roll), "")
+        return Answer(stamp_ns, estimate, self.track(roll + estimate.roll), "")

@@ -26,8 +26,12 @@ def write_results(folder: Path, frames: Sequence[Answer], recording: Recording) 
     write_bag(folder / "bag", frames)
     truth = zip(recording.stamps_ns, recording.poses, recording.rolls, strict=True)
     trajectories = {
-        "relative_pose.tum": [(f.stamp_ns, f.estimate.pose, 0.0) for f in frames if f.estimate],
-        "relative_odometry.tum": [(f.stamp_ns, f.track.pose, 0.0) for f in frames if f.track],
+        "relative_pose.tum": [
+            (f.stamp_ns, f.estimate.pose, f.estimate.roll) for f in frames if f.estimate
+        ],
+        "relative_odometry.tum": [
+            (f.stamp_ns, f.track.pose, f.estimate.roll) for f in frames if f.track and f.estimate
+        ],
         "truth.tum": [(int(s), p, roll) for s, p, roll in truth if np.isfinite([*p, roll]).all()],
     }
     names = ["frames.csv", "bag", *(name for name, poses in trajectories.items() if poses)]
@@ -76,8 +80,8 @@ def _messages(types: Any, frame: Answer) -> Iterator[tuple[str, Any]]:
     def make(kind: str, *values: Any) -> Any:
         return types[kind.replace("/", "/msg/")](*values)
 
-    def pose_message(pose: Array, covariance: Array) -> Any:
-        numbers = _transform(pose)
+    def pose_message(pose: Array, roll: float, covariance: Array) -> Any:
+        numbers = _transform(pose, roll)
         position = make("geometry_msgs/Point", *numbers[:3])
         attitude = make("geometry_msgs/Quaternion", *numbers[3:])
         return make(
@@ -88,25 +92,28 @@ def _messages(types: Any, frame: Answer) -> Iterator[tuple[str, Any]]:
 
     stamp = make("builtin_interfaces/Time", *divmod(frame.stamp_ns, 10**9))
     header = make("std_msgs/Header", stamp, BEACON_FRAME)
-    if frame.estimate is not None:
-        pose, covariance = frame.estimate.pose, frame.estimate.covariance
-        message = pose_message(pose, covariance_6x6(pose, covariance, ROLL_STD_RAD))
-        yield "/relative_pose", make("geometry_msgs/PoseWithCovarianceStamped", header, message)
+    estimate = frame.estimate
+    if estimate is None:
+        return
+    shown = ROLL_STD_RAD if estimate.turn is None else estimate.turn
+    covariance = covariance_6x6(estimate.pose, estimate.covariance, shown)
+    message = pose_message(estimate.pose, estimate.roll, covariance)
+    yield "/relative_pose", make("geometry_msgs/PoseWithCovarianceStamped", header, message)
     if frame.track is not None:
-        odometry = relative_odometry(frame.track, 0.0, ROLL_STD_RAD)
+        odometry = relative_odometry(frame.track, estimate.roll, ROLL_STD_RAD)
         linear, angular = (
             make("geometry_msgs/Vector3", *part.tolist()) for part in np.split(odometry.twist, 2)
         )
         twist = make("geometry_msgs/Twist", linear, angular)
         twist = make("geometry_msgs/TwistWithCovariance", twist, odometry.spread.ravel())
-        message = pose_message(odometry.pose, odometry.covariance)
+        message = pose_message(odometry.pose, estimate.roll, odometry.covariance)
         yield (
             "/relative_odometry",
             make("nav_msgs/Odometry", header, FOLLOWER_FRAME, message, twist),
         )
 
 
-def _transform(pose: Array, roll: float = 0.0) -> list[float]:
+def _transform(pose: Array, roll: float) -> list[float]:
     """Return position and quaternion x, y, z, w."""
     attitude = Rotation.from_euler("ZYX", [pose[YAW], pose[PITCH], roll])
     return [*pose[:3].tolist(), *attitude.as_quat().tolist()]

@@ -78,10 +78,20 @@ def test_a_sound_array_passes(sea, daylight):
     assert faults_of(sea, offset=daylight) == ({}, [])
 
 
+@pytest.mark.parametrize("sea", [SCENE, LIGHTS])
+def test_a_sound_array_passes_though_hands_placed_the_lamp(sea):
+    """By up to 0.3 m and 8 deg; its power is a fifth below the scene's."""
+    aside = (-1.05 * RANGE_M, 0.3, -0.25, np.radians(-8.0), np.radians(7.0))
+    assert faults_of(sea, at=aside, powers=0.8) == ({}, [])
+
+
 @pytest.mark.parametrize(
     ("sea", "fault", "place", "words"),
     [
         (SCENE, {"gain": at((1, 3), 0.6, 1)}, (1, 3), "does not fit the lamp's light"),
+        # A dim corner looks like a beam from the side, but for where the lamp was placed.
+        (SCENE, {"gain": at((0, 0), 0.5, 1)}, (0, 0), "does not fit the lamp's light"),
+        (LIGHTS, {"gain": at((4, 4), 0.5, 1)}, (4, 4), "does not fit the lamp's light"),
         (SCENE, {"noise": at((4, 0), 5, 1)}, (4, 0), "noise 4."),
         (SCENE, {"offset": at((2, 2), 40, 0)}, (2, 2), "reads 59.9 in the dark, the others 20"),
         (SCENE, {"gain": at((2, 1), 1.0, 1) * 1.6}, (2, 2), "at full scale"),

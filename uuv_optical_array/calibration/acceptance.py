@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.special import chdtri
 
 from uuv_optical_array.calibration.wiring import TorchSweeps
@@ -29,6 +30,8 @@ MAX_OFF, MAX_TURN = 0.1, np.radians(10.0)  # of the range, and of a lamp that wa
 # lamp may differ from the scene's by a factor of 1.4: twice what is expected of a rig as bought.
 MAX_RANGE_RATIO = 1.4**0.5
 MAX_PEDESTAL = 0.5  # by how much darkness may differ from the scene's pedestal, relative
+# Probability that sound light of a detector is unlike what the others tell, and by how much it is.
+UNLIKE, MOST = 1e-4, 1.25
 MAX_ROLL_DEG = 20.0  # of several lamps that hands hold level
 WATER_INDEX = 1.34
 FULL = "at full scale: move the lamp away"
@@ -155,7 +158,45 @@ class Acceptance(TorchSweeps):
             whole.append(f"the lamps appear rolled by {rolled:.0f} deg: exchanged, or not level")
         elif text := self._misplaced(seen):
             whole.append(text)
+        elif not found:
+            found = dict.fromkeys(self._unlike(ForwardModel(placed), image, seen.roll), UNFIT)
         return Verdict(found, whole, darkness, seen)
+
+    def _unlike(self, model: ForwardModel, image: Array, roll: float) -> list[tuple[int, int]]:
+        """Return detectors whose light differs from the others', if the lamp is where it is told.
+
+        Of a lamp that may be anywhere, a dim corner looks like a beam that comes from the side.
+        """
+        told = np.array([-self._range_m, 0.0, 0.0, 0.0, 0.0])
+        off = self._range_m * np.array([MAX_RANGE_RATIO - 1, MAX_OFF, MAX_OFF])
+        by_hand, prior = np.append(off, [MAX_TURN, MAX_TURN]) / 2, model.scene.nuisance_std()
+        stds = np.array([*by_hand, *prior.values()])
+        readings, used = image.ravel(), np.ones(image.size)
+        sigma = np.sqrt(reading_variance(readings, model.noise))
+
+        def light(at: Array) -> tuple[Array, Array]:
+            values = at * stds
+            offsets = {name: np.array(each) for name, each in zip(prior, values[5:], strict=True)}
+            counts, slopes = model.linearised(told + values[:5], roll, offsets)
+            return counts, slopes * stds
+
+        def residuals(at: Array) -> Array:
+            return np.append(used * (readings - light(at)[0]) / sigma, at)
+
+        def slopes(at: Array) -> Array:
+            return np.vstack([-(used / sigma)[:, None] * light(at)[1], np.eye(len(at))])
+
+        black = model.noise.black
+        fit = least_squares(residuals, np.zeros(len(stds)), slopes)
+        own = np.einsum("ij,ji->i", fit.jac, np.linalg.pinv(fit.jac))  # by the reading itself
+        alone = (fit.fun**2 / np.maximum(1 - own, 1e-9))[: len(readings)]
+        worst = int(alone.argmax())
+        used[worst] = 0.0
+        by_others = light(least_squares(residuals, fit.x, slopes).x)[0][worst] - black
+        share = (readings[worst] - black) / max(by_others, float(sigma[worst]))
+        if alone[worst] < chdtri(1, UNLIKE) or 1 / MOST < share < MOST:
+            return []
+        return [divmod(worst % self._side**2, self._side)]
 
     def _misplaced(self, seen: Estimate) -> str:
         """Say what is wrong where the lamp is seen off its place; empty where it is not."""

@@ -241,9 +241,11 @@ class ImageFit:
         if result.outcome == NO_START:
             raise NoPose("no fit: no start led to a finite likelihood")
         if result.outcome == MISFIT:
+            chance = float(ndtr(-result.score))
+            said = f"of {chance:.1e}" if chance else "below 1e-300"
             raise NoPose(
-                f"no fit: an image of this scene leaves such residuals with a probability of "
-                f"{ndtr(-result.score):.1e}, less than max_misfit {self._max_misfit:g}"
+                f"no fit: an image of this scene leaves such residuals with a probability {said}, "
+                f"less than max_misfit {self._max_misfit:g}"
             )
         if result.outcome != FITTED:
             raise NoPose("no fit: the image does not determine a covariance of the pose")

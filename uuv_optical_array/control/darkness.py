@@ -130,6 +130,8 @@ class Darkness:
         self._stopped = seen is not None  # whether the leader may be where it was seen
         if seen is not None:
             self.motion, self._last, self._margin_m = seen.motion, seen.last, seen.margin_m
+        # Since something of the leader's light was seen, rad; whole turns count, too.
+        self._turned = math.remainder(self.own[YAW] - self._last.own[YAW], 2 * math.pi)
         self.age_s = self.motion.unseen_s
         self._up = UP
         self._above_m, self._risen_at = 0.0, self._last.own[:3].copy()  # since light steered last
@@ -157,7 +159,9 @@ class Darkness:
 
         `up` is a unit vector in its axes, ``(3,)``; ``None``: it is not measured.
         """
+        before = self.own[YAW]
         step_s = self.motion.advance(now_s, twist)
+        self._turned += math.remainder(self.own[YAW] - before, 2 * math.pi)
         self._up = UP if up is None else self._to_body.T @ up
         self._above_m += float(self._up @ (self.own[:3] - self._risen_at))
         self._risen_at = self.own[:3].copy()
@@ -208,7 +212,7 @@ class Darkness:
 
     def _note_seen(self) -> None:
         if self.unseen_s == 0:
-            self._last = copy(self.motion)
+            self._last, self._turned = copy(self.motion), 0.0
 
     def within_reach(self, pose: Array, covariance: Array) -> bool:
         """Say whether the leader can plausibly have reached where a pose has it."""
@@ -271,7 +275,8 @@ class Darkness:
         """
         glow = self._glow
         if glow is not None and abs(now_s - self._glimpsed_s) > TURNING_S:
-            error = np.array([0.0, 0.0, 0.0, -PITCH_RAD * glow.up, TURN_RAD * glow.to_port])
+            left = self._turn_to(self._turned + TURN_RAD * glow.to_port)
+            error = np.array([0.0, 0.0, 0.0, -PITCH_RAD * glow.up, left])
             return Aim(error, np.zeros(5), self._to_body, self._last_seen(), self._depths())
         goal = self._place(now_s)
         k, s = self._goal.hypothesis, self._search
@@ -291,16 +296,22 @@ class Darkness:
             goal = start[:3] + s.search_distance_m / length * way
             moving = np.zeros(3)
         pitch, yaw = bow_to(place - self.own[:3])
-        most = math.radians(s.search_turn_deg)
-        turned = math.remainder(yaw - start[YAW], 2 * math.pi)
-        yaw = start[YAW] + min(max(turned, -most), most)
         pitch = min(max(pitch, -0.3), 0.3)
-        error = wrapped(np.array([*goal, pitch, yaw]) - self.own)
+        error = wrapped(np.array([*goal, pitch, 0.0]) - self.own)
+        error[YAW] = self._turn_to(math.remainder(yaw - start[YAW], 2 * math.pi))
         if passing:
             moving = np.zeros(3)
         lamps = [self._lamp(place, ahead), *self._last_seen()]
         moving = np.append(moving, [0.0, 0.0])
         return Aim(error, moving, self._to_body, lamps, self._depths(), straight=True)
+
+    def _turn_to(self, turned: float) -> float:
+        """Return what is left to turn, within the limit, from the last heading in the light, rad.
+
+        It goes back the way that it came, so that no tether is wound up.
+        """
+        most = math.radians(self._search.search_turn_deg)
+        return min(max(turned, -most), most) - self._turned
 
     def _place(self, now_s: float) -> Array:
         """Return the place to look from, chosen anew once it was reached or takes too long."""

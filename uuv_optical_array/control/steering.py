@@ -81,7 +81,9 @@ class Steering:
         error, speed, to_body, lamps, depths, straight = aim
         wanted = self._gain * error + speed
         wanted[:3] = to_body @ wanted[:3]
-        crab = self._crab(wanted[:2], -lamps[0].away, float(error[YAW])) if lamps else 0.0
+        crab = 0.0
+        if lamps and not straight:  # a search has a limit of its turn
+            crab = self._crab(wanted[:2], -lamps[0].away, float(error[YAW]))
         if crab:
             wanted[YAW] = CRAB_GAIN * self._gain[YAW] * (error[YAW] + crab) + speed[YAW]
         if straight:

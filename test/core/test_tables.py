@@ -30,6 +30,7 @@ def test_a_table_is_read_however_it_was_written(text, tmp_path):
     ("content", "words"),
     [
         (b"x_m,y_m,x_m\n1,2,3\n", "columns x_m more than once"),
+        (b"# x_m,y_m\n1,2e-3\n3,4\n", "columns 1, 2e-3; the first row, which is no comment, names"),
         (b"x_m;y_m\n1;2\n", "separate cells by commas"),
         (b"x_m,y_m\n\n1,2,3\n", "line 3: 3 cells; give 2"),
         (b"x_m,y_m\n1\n", "line 2: 1 cells; give 2"),

@@ -11,8 +11,8 @@ def read(path: Path) -> tuple[list[str], Iterator[tuple[int, dict[str, str]]]]:
 
     It is UTF-8, with a byte order mark or without. Blank rows and comments, whose first cell begins
     with ``#``, in quotes or not, are left out, and so are empty cells at the end of rows.
-    ValueError, with file and line, for what is no such table, of rows and of columns twice once the
-    rows are taken; OSError for a file that cannot be opened.
+    ValueError, with file and line, for what is no such table; of rows, of columns twice and of
+    columns without names once the rows are taken. OSError for a file that cannot be opened.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -37,6 +37,10 @@ def _rows(
 ) -> Iterator[tuple[int, dict[str, str]]]:
     if len(columns) == 1 and ";" in columns[0]:
         raise ValueError(f"{path}: columns {columns[0]}; separate cells by commas")
+    if columns and all(number(name) for name in columns):
+        raise ValueError(
+            f"{path}: columns {', '.join(columns)}; the first row, which is no comment, names them"
+        )
     if twice := [name or "without a name" for name, n in Counter(columns).items() if n > 1]:
         raise ValueError(f"{path}: columns {', '.join(twice)} more than once; keep one of each")
     for line, cells in table:
@@ -48,6 +52,15 @@ def _row(path: Path, line: int, columns: Sequence[str], cells: list[str]) -> dic
     if len(cells) != len(columns):
         raise ValueError(f"{path}: line {line}: {len(cells)} cells; give {len(columns)}, as above")
     return dict(zip(columns, cells, strict=True))
+
+
+def number(text: str) -> bool:
+    """Say whether a cell is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _without_empty(cells: Sequence[str]) -> list[str]:

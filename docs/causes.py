@@ -53,6 +53,7 @@ CAUSES = {
     "wrong field offsets": "The key parameters do not follow each other.",
     "pose": "The pose is out of bounds, or not later than the one before.",
     "covariance": "The covariance is missing, not positive definite or out of bounds.",
+    "rate": "A rate of the pose is beyond what vehicles reach, in m/s or rad/s.",
     "range": "The range is not a distance in m.",
     "range std": "The range's standard deviation is out of bounds.",
     "false range": "The range is too far from the track: an echo, or a lamp or sea that changed.",

@@ -65,6 +65,7 @@ REFUSALS = {
     "wrong field offsets": _DRIVER,
     "pose": _DRIVER,
     "covariance": _DRIVER,
+    "rate": _DRIVER,
     "range": _DRIVER,
     "range std": "Correct the range's variance, or `range_std_m`.",
     "false range": (
@@ -123,7 +124,7 @@ WARNINGS = {
     "follower waits": "Start the leader (`demo:=leader`), or let `leader_odometry` name its topic.",
     "left out": "Start that vehicle, or name in `others` only vehicles that are running.",
     "leader waits": (
-        "Wait: the leader sets off when each `estimator_node` has a pose and its `fit` is compiled."
+        "Wait: the leader sets off when each follower has its light and no `fit` is being compiled."
     ),
 }
 

@@ -3,6 +3,7 @@
 import os
 import sys
 from fnmatch import fnmatch
+from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree
@@ -10,6 +11,7 @@ from xml.etree import ElementTree
 import pytest
 from command_line import begun, ended, python
 
+from uuv_optical_array import programs
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.nodes.bringup import security
 
@@ -51,6 +53,13 @@ def enclaves(text):
     return {
         Path(each.get("path")).name: ElementTree.tostring(each, "unicode").strip() for each in found
     }
+
+
+def test_every_node_that_is_installed_has_an_enclave():
+    scripts = {script.name for script in entry_points(group="console_scripts")}
+    nodes = {name for name in scripts & set(dir(programs)) if name.endswith("_node")}
+    assert "estimator_node" in nodes
+    assert nodes <= set(security.PROCESSES)
 
 
 @pytest.mark.usefixtures("compiled_fit")

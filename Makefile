@@ -65,7 +65,7 @@ promises: export OPENBLAS_NUM_THREADS = 1
 promises: $(INSTALLED)  ## measure whether what the package promises holds; options by ARGS='...'
 	@$(BIN)/python benchmarks/promises.py $(ARGS)
 
-bench: $(INSTALLED)  ## measure speed and accuracy
+bench: $(INSTALLED)  ## measure speed
 	$(BIN)/pytest benchmarks
 	@$(BIN)/python benchmarks/frames.py
 

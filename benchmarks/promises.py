@@ -1,7 +1,8 @@
 """What the package promises, a line each: its figure, its bound, and whether it holds.
 
-Everything is simulated, with the seeds of the pages of results. Yardsticks are times of a plain
-compiled fit of four steps on the same machine (`frames`), or, for compiling, of its compilation.
+Everything is simulated, by seed 1; the noise is not that of the pages of results. Yardsticks are
+times of a plain compiled fit of four steps on the same machine (`frames`), or, for compiling, of
+its compilation.
 
   make promises                          all, in ten minutes on two cores
   make promises ARGS='--only accuracy'   a group
@@ -30,7 +31,7 @@ class Promise(NamedTuple):
     what: str
     bound: float
     unit: str
-    where: str  # it was promised: a page of docs/results, or the README
+    where: str  # it was promised: a page, the README or the CHANGELOG
     measure: Callable[[], Figures]
     key: str  # of the figure
 
@@ -52,7 +53,7 @@ KNOWN = partial(promised.accuracy, "reference", "curved", False)
 PLANAR = partial(promised.accuracy, "reference", "planar", False)
 DRAWN = partial(promised.accuracy, "follow", "curved", True)
 LAMPS = partial(promised.accuracy, "leading_lights", "curved", True)
-# Kinds of mismatch beyond the prior that have false poses, and how many of 300 on their page.
+# Kinds of mismatch beyond the prior that have false poses, and how many of 300 they may have.
 FALSE = {"gradient_30": 73, "mirrored": 267, "rolled_15": 8, "shade_0.1": 8}
 FALSE |= {"two_dirty": 1, "beam-2": 1, "gradient_10": 1, "blob": 1}
 FALSE |= {"hidden_row_0.5": 5, "snow": 3, "fouled_0.3": 11, "fouled_0.6": 62, "cut_off": 24}

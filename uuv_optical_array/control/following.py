@@ -115,7 +115,7 @@ class Following:
         self._settings, self._search = settings, search
 
     def engage(self, wanted: bool, now_s: float) -> None:
-        """Steer from the next pose on, or leave the follower to others; nothing is remembered."""
+        """Steer once new poses agree, or leave the follower to others; nothing is remembered."""
         self._law = FormationController(self._settings)
         self._begin()
         if wanted:

@@ -106,7 +106,7 @@ class FormationNode(Node):
         return self.following.state.name != "disengaged"
 
     def on_engage(self, request: Any, response: Any) -> Any:
-        """Steer from the next track on, or stop the follower and leave it to others."""
+        """Steer once new poses agree, or stop the follower and leave it to others."""
         response.success = True
         response.message = f"it steers to station_m {list(self.parameters['station_m'])}"
         if not request.data:
@@ -218,7 +218,7 @@ class FormationNode(Node):
         self.shapes.show(shapes)
 
     def on_timer(self) -> None:
-        """Publish the command, from the first pose or the first search on."""
+        """Publish the command, once poses agree for the first time, or from the first search on."""
         command = self.following.command(self.time.now_s())
         if command is not None:
             self.send(*command)

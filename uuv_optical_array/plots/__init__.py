@@ -1,1 +1,1 @@
-"""Every picture of the package: results in, a file out."""
+"""Pictures that several commands and studies draw, and their style."""

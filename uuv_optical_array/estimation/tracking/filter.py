@@ -5,12 +5,10 @@
 - **Correct** by the readings of the frame, or without any by its pose (`correction`).
 - **Tell what happened.** Now and then the rate or the constants change suddenly. A frame that the
   usual motion hardly explains is also tried as the first after a manoeuvre, and after a jump that
-  makes the constants the prior's again; not so one that is far from linear over what its image
-  leaves of the pose, as one without the lamp is, since it tells no dimmer lamp from none. The
-  likeliest by the density of the innovation times the prior probability of the event is taken (Y.
-  Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation with Applications to Tracking and
-  Navigation*, 2001, ch. 11). If no event explains it while the commands are obeyed, they count as
-  not obeyed.
+  makes the constants the prior's again. The likeliest by the density of the innovation times the
+  prior probability of the event is taken (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation
+  with Applications to Tracking and Navigation*, 2001, ch. 11). If no event explains it while the
+  commands are obeyed, they count as not obeyed.
 - A frame whose Mahalanobis distance is beyond the gate in any case is an **outlier**. The last of
   so many in a row restarts the track, which then knows nothing of the constants. So does the frame
   after as many whose readings agree with the pose but not with the biases.

@@ -14,22 +14,30 @@ def read(path: Path) -> tuple[list[str], Iterator[tuple[int, dict[str, str]]]]:
     ValueError, with file and line, for what is no such table; of rows, of columns twice and of
     columns without names once the rows are taken. OSError for a file that cannot be opened.
     """
+    (_, head), *table = rows(path) or [(0, [])]
+    columns = _without_empty(head)
+    return columns, _rows(path, columns, table)
+
+
+def rows(path: Path) -> list[tuple[int, list[str]]]:
+    """Return each row that is neither blank nor a comment, the first as the others: line and cells.
+
+    ValueError and OSError are those of `read`.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: {error}; give a table as CSV in UTF-8") from None
     lines = csv.reader(text.splitlines(keepends=True), strict=True)
-    rows = []
+    found = []
     try:
         for cells in lines:
             cells = [cell.strip() for cell in cells]
             if any(cells) and not cells[0].startswith("#"):
-                rows.append((lines.line_num, cells))
+                found.append((lines.line_num, cells))
     except csv.Error as error:
         raise ValueError(f"{path}: line {lines.line_num}: {error}") from None
-    (_, head), *table = rows or [(0, [])]
-    columns = _without_empty(head)
-    return columns, _rows(path, columns, table)
+    return found
 
 
 def _rows(

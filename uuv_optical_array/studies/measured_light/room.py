@@ -94,15 +94,20 @@ class Lamp(NamedTuple):
 
 
 def read_room(path: Path) -> Room:
-    """Read run, x and y in m, and single readings of four lamps, in the columns 1 to 7."""
-    _, table = tables.read(path)
+    """Read run, x and y in m, and single readings of four lamps, in the columns 1 to 7.
+
+    Their names may be in the first row, or in a comment.
+    """
+    table = tables.rows(path)
+    if table and not all(map(tables.number, table[0][1][: 3 + LAMPS])):
+        del table[0]
     rows = [
-        [number_in(cell, f"{path}: line {line}") for cell in list(cells.values())[: 3 + LAMPS]]
+        [number_in(cell, f"{path}: line {line}") for cell in cells[: 3 + LAMPS]]
         for line, cells in table
     ]
-    values = np.array(rows, dtype=float)
-    if values.ndim != 2 or values.shape[1] < 3 + LAMPS:
+    if not rows or any(len(row) < 3 + LAMPS for row in rows):
         raise ValueError(f"{path}: give run, x, y and the readings of {LAMPS} lamps in each line")
+    values = np.array(rows, dtype=float)
     return Room(values[:, 0], values[:, 1:3], FULL * values[:, 3 : 3 + LAMPS])
 
 

@@ -314,7 +314,10 @@ class Estimator:
             candidates=1,
             gaussian=True,
         )
-        fitted = self._fit(readings, roll, uneven, near)
+        try:
+            fitted = self._fit(readings, roll, uneven, near)
+        except NoPose:  # perhaps of the match alone, from which a fit may end in another minimum
+            fitted = self._fit(readings, roll, uneven)
         off = wrapped(match.pose - fitted.pose)
         # The grid's cell and the neighbours' spread, more where the match is off, and the fit's
         # own.

@@ -21,7 +21,7 @@ from uuv_optical_array.forward.light import COSINE, HALF_SQUARE, RANGE
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import MIN_PEAK_COUNTS, uniform_poses
-from uuv_optical_array.studies.shared.errors import errors_of
+from uuv_optical_array.studies.shared.errors import bounds, errors_of
 
 SUFFIXES = ".ies", ".ldt"
 DRIVE_IMAGES = 300
@@ -134,7 +134,11 @@ def poses_by(
     poses, seen = truth.lit(count, rng)
 
     def poses_of(one: Scene) -> dict[str, Any]:
-        return errors_of(Estimator(one).wait(), model, poses, seen, what).summary()
+        range_m = bounds(ForwardModel(one), poses)[1][:, 0]
+        return {
+            **errors_of(Estimator(one).wait(), model, poses, seen, what).summary(),
+            "bound_range_m": float(np.sqrt(np.mean(range_m**2))),
+        }
 
     result: dict[str, Any] = {BOUGHT: poses_of(scene)}
     for name, (metres, radians) in ODOMETRIES.items():
@@ -152,7 +156,7 @@ def report_lamps(rows: Sequence[dict[str, Any]], count: int) -> str:
     beams = [head]
     table = [
         ["lamp", "beam of the scene", "known", "misfit", "answered", "beyond 6 sigma", "NEES",
-         "range (m)", "across (m)"]
+         "range (m)", "bound (m)", "across (m)"]
     ]  # fmt: skip
     for row in rows:
         fit = "refused" if row["file_rms"] is None else f"{row['file_rms']:.1f}"
@@ -165,10 +169,11 @@ def report_lamps(rows: Sequence[dict[str, Any]], count: int) -> str:
                 first = [row["lamp"], beam, known, misfit]
                 if of.get("refusal"):
                     named = "beam" if "beam" in of["refusal"] else "another"
-                    table.append([*first, f"refused: {named}", *["-"] * 4])
+                    table.append([*first, f"refused: {named}", *["-"] * 5])
                     continue
                 nees = "-" if of["nees_mean"] is None else f"{of['nees_mean']:.3g}"
-                rms = (f"{of[name] or np.nan:.3g}" for name in ("rms_range_m", "rms_across_m"))
+                keys = "rms_range_m", "bound_range_m", "rms_across_m"
+                rms = (f"{of[name] or np.nan:.3g}" for name in keys)
                 answered = f"{of['answered']} of {count}"
                 table.append([*first, answered, str(of["beyond_6_sigma"]), nees, *rms])
     return (

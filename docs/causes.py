@@ -45,7 +45,9 @@ CAUSES = {
     "out of bounds": "A number is too large or too small; are its units m, m/s and rad/s?",
     "bad attitude": "A quaternion does not have the length 1.",
     "wrong encoding": "The image is not mono16.",
-    "wrong size": "The image, or the key parameters, are not of the scene's array.",
+    "wrong size": (
+        "The image is not of the scene's array, or there are several sets of key parameters."
+    ),
     "wrong step": "The rows of the image have the wrong length.",
     "truncated": "The message has another number of bytes than its size states.",
     "wrong fields": "The fields are not those of key parameters.",

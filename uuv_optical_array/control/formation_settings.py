@@ -32,7 +32,14 @@ class FormationSettings:
     )
     max_turn_deg_per_s: Annotated[float, Quantity("largest turn rate", "deg/s", 0.1, 90)] = 30.0
     max_acceleration_m_per_s2: Annotated[
-        float, Quantity("largest acceleration of the commanded speed", "m/s^2", 0.01, 5)
+        float,
+        Quantity(
+            "largest acceleration of the commanded speed on each axis; to keep off the lamp, or a "
+            "depth, it may be more",
+            "m/s^2",
+            0.01,
+            5,
+        ),
     ] = 1.0
     max_acceleration_deg_per_s2: Annotated[
         float, Quantity("largest acceleration of the commanded turn rate", "deg/s^2", 0.1, 90)

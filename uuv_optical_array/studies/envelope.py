@@ -239,7 +239,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_setting(parser, "station", station)
     about = "draw each run's sea, lamp and array from the scene's prior; else they are the scene's"
     parser.add_argument("--draw-sea", action="store_true", help=about)
-    cores = Quantity("processes that share the runs; default: one for each core", "", 1, 1000)
+    cores = Quantity("processes that share the runs (default: one for each core)", "", 1, 1000)
     options.add_number(parser, "processes", cores, None, int)
     options.add_seed(parser)
     options.add_json(parser)

@@ -35,7 +35,8 @@ class TrackerSettings:
         ),
     ] = 5
     reset_after_s: Annotated[
-        float, Quantity("time without a pose after which the track restarts", "s", 0.1, 60)
+        float,
+        Quantity("time without a pose that the track takes, after which it restarts", "s", 0.1, 60),
     ] = 2.0
     command_timeout_s: Annotated[
         float,

@@ -31,7 +31,10 @@ COMMON = {
 FOLLOW = {
     "scene": ("", SCENE),
     "namespace": ("", "namespace of the nodes"),
-    "frame_prefix": ("", "prefix of each frame's name, such as `rov_2/`"),
+    "frame_prefix": (
+        "",
+        "prefix of each frame's name that does not begin with /, such as `rov_2/`",
+    ),
     "leader_frame": ("", "the leader's frame on /tf"),
     "one_process": ("false", "run feature, estimator and formation node in follower_node"),
     "simulator": ("true", "simulate the images; false: an array takes them"),

@@ -57,7 +57,10 @@ REFUSALS = {
     "out of bounds": _DRIVER,
     "bad attitude": _DRIVER,
     "wrong encoding": _DRIVER,
-    "wrong size": "Set `scene` to that of the mounted array.",
+    "wrong size": (
+        "Set `scene` to that of the mounted array; let only the feature node publish key "
+        "parameters."
+    ),
     "wrong step": _DRIVER,
     "truncated": _DRIVER,
     "wrong fields": "Remap `array/features` to the topic of the feature node.",

@@ -63,7 +63,8 @@ class EstimatorSettings:
     candidates: Annotated[
         int,
         Quantity(
-            "number of poses from which least_squares starts; more where few detectors are lit",
+            "number of poses from which least_squares starts; more where few detectors are lit, or "
+            "all lie in a plane",
             "poses",
             1,
             MOST_STARTS,
@@ -92,7 +93,7 @@ class Estimator:
         expectation of 5; fewer are overconfident.
     candidates
         Poses of like signature from which ``least_squares`` starts; `MOST_STARTS` where few
-        detectors are lit.
+        detectors are lit, and `RING` at least where all lie in a plane.
     max_misfit
         An image whose residuals are less probable than this, under scene and prior, is not of this
         scene and has no pose. Gains that the prior leaves unknown may be twice as large.

@@ -30,6 +30,7 @@ STARTS = 1024
 # down to this share of the least range, the farther off the beam's axis the nearer.
 NEAR_STARTS, NEAREST, ASIDE = 4096, 0.2, 0.15
 TURNED = math.radians(120)  # up to which yaw as many as the first look past the lamp
+RING = 12  # starts of a planar array, whose minima lie about a ring of attitudes
 BY_SIGNATURE = 1536  # of all these are looked up by their signature, too, and the others by image
 
 
@@ -42,7 +43,7 @@ class Guide(NamedTuple):
     - poses: of these and more, m and rad, shape ``(k, 5)``.
     - roots: square roots of their readings, by columns, shape ``(n, k)``, or ``(n, 0)``: not known.
     - weights: of the five key parameters, and the constant that is appended, shape ``(6,)``.
-    - candidates: rows to start from, unless few detectors are lit.
+    - candidates: rows to start from, unless few detectors are lit; at least `RING` if planar.
     - max_score: score of the misfit beyond which a fit is no pose.
     - gaussian: whether the posterior is taken as linear at the best minimum, not integrated.
     - side, full_scale_counts, subdetector: as of `features.write_parameters`.
@@ -77,6 +78,8 @@ def guide_of(model: ForwardModel, candidates: int, max_score: float) -> Guide:
     poses, images = poses[lit], images[lit]
     first = images[:BY_SIGNATURE].reshape(-1, lamps * side, side)
     vectors = lifted(scene_parameters(first, scene), scene.signature, side)
+    if scene.array.shape == "planar" and not scene.lamps:
+        candidates = max(candidates, RING)
     return Guide(
         np.ascontiguousarray(unit_vectors(vectors).T),
         poses,

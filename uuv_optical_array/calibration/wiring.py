@@ -4,7 +4,7 @@ A torch is moved close to the array, from port to starboard and then from top to
 is brightest when the torch passes its detector, whatever the gain and the torch's other coordinate:
 the order of these moments is that of columns, and then of rows, which finds any permutation. Before
 a sphere this holds for a torch that follows its surface: detectors at the edge look aside, and see
-one that passes straight before the array too late.
+one that passes straight before the array too early or too late.
 """
 
 from collections.abc import Callable, Sequence

@@ -163,7 +163,8 @@ def test_the_command_prints_the_same_as_text_and_as_json_and_draws(capsys, tmp_p
     assert honest["frames"] == stuck["frames"] == 60
     assert honest["answered"] > 50
     assert honest["beyond_6_sigma"] < 10
-    assert stuck["answered"] == 0
+    assert stuck["answered"] < honest["answered"]
+    assert stuck["beyond_6_sigma"] == 0
     assert "stuck_detector: 60/60 frame" in capsys.readouterr().err
     assert_picture(picture)
     lines = robustness.report(answer["kinds"]).splitlines()

@@ -307,7 +307,10 @@ class Estimator:
         roll: float,
         uneven: float | None,
     ) -> Estimate:
-        """Hold a match to the image: a fit tells whether it is of the scene, and how far off."""
+        """Hold a match to the image: a fit tells whether it is of the scene, and how far off.
+
+        Where no fit from the match explains the image, one from the usual starts has the answer.
+        """
         near = self._fit.guide._replace(
             units=np.ascontiguousarray(self.table.index.units(rows).T),
             poses=poses,
@@ -317,8 +320,8 @@ class Estimator:
         )
         try:
             fitted = self._fit(readings, roll, uneven, near)
-        except NoPose:  # perhaps of the match alone, from which a fit may end in another minimum
-            fitted = self._fit(readings, roll, uneven)
+        except NoPose:  # perhaps of the match alone, as beside a faulty detector
+            return self._fit(readings, roll, uneven)
         off = wrapped(match.pose - fitted.pose)
         # The grid's cell and the neighbours' spread, more where the match is off, and the fit's
         # own.

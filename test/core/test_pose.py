@@ -103,7 +103,7 @@ def test_covariance_6x6_is_the_first_order_map_of_small_errors(pose, roll, roll_
     joint, state = root @ root.T, np.append(pose, roll)
     jacobian = differentiate(lambda at: fixed_axis_step(here, (at[:5], at[5])), state, step)
     expected = jacobian @ joint @ jacobian.T
-    found = geometry.covariance_6x6(pose, joint[:5, :5], joint[5])
+    found = geometry.covariance_6x6(pose, joint[:5, :5], 0.1, joint[5])
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
 
 

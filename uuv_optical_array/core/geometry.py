@@ -253,21 +253,23 @@ def rolled(pose: Array, roll: float, angle: float) -> tuple[Array, float]:
     return np.array([*(turn @ pose[:3]), pitch, yaw]), float(roll_after)
 
 
-def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float | Array) -> Array:
+def covariance_6x6(
+    pose: ArrayLike, covariance: ArrayLike, roll_std: float, turn: Array | None = None
+) -> Array:
     """Expand a 5-DOF covariance to that of a ROS pose, shape ``(6, 6)``.
 
     The beam of one lamp is axisymmetric, so that an uncertain roll, by its standard deviation about
     the beam, rad, turns y, z and the attitude together: a term of rank one. Several lamps show
-    the roll: its covariance with the pose, and its variance, ``(6,)``. Abeam the pitch and the beam
-    have one axis, so abs(yaw) < pi/2.
+    the roll, whatever was known of it: `turn` is its covariance with the pose, and its variance,
+    ``(6,)``. Abeam the pitch and the beam have one axis, so abs(yaw) < pi/2.
     """
     _, y, z, pitch, yaw = np.asarray(pose, dtype=float).tolist()
     sin_y, cos_y = math.sin(yaw), math.cos(yaw)
     jacobian, joint = np.eye(6), np.zeros((6, 6))
     joint[:5, :5] = covariance
-    if isinstance(roll_std, np.ndarray):
+    if turn is not None:
         by_roll = 0.0, 0.0, 0.0, cos_y * math.cos(pitch), sin_y * math.cos(pitch), -math.sin(pitch)
-        joint[5], joint[:, 5] = roll_std, roll_std
+        joint[5], joint[:, 5] = turn, turn
     else:
         by_roll = 0.0, -z, y, 1.0, 0.0, 0.0
         joint[5, 5] = roll_std**2

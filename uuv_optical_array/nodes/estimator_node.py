@@ -319,8 +319,7 @@ class EstimatorNode(Node):
         estimate = self.pipeline.estimate(stamp, image, parameters, roll)
         self.order.check(header)
         roll += estimate.roll
-        std = roll_std if estimate.turn is None else estimate.turn
-        covariance = covariance_6x6(estimate.pose, estimate.covariance, std)
+        covariance = covariance_6x6(estimate.pose, estimate.covariance, roll_std, estimate.turn)
         header = Header(stamp=header.stamp, frame_id=self.beacon_frame)
         pose = messages.pose_to_message(estimate.pose, covariance, header, roll)
         if self.poses.publish(pose):

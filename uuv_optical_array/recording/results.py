@@ -95,8 +95,7 @@ def _messages(types: Any, frame: Answer) -> Iterator[tuple[str, Any]]:
     estimate = frame.estimate
     if estimate is None:
         return
-    shown = ROLL_STD_RAD if estimate.turn is None else estimate.turn
-    covariance = covariance_6x6(estimate.pose, estimate.covariance, shown)
+    covariance = covariance_6x6(estimate.pose, estimate.covariance, ROLL_STD_RAD, estimate.turn)
     message = pose_message(estimate.pose, estimate.roll, covariance)
     yield "/relative_pose", make("geometry_msgs/PoseWithCovarianceStamped", header, message)
     if frame.track is not None:

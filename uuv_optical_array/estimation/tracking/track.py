@@ -120,7 +120,6 @@ class RelativeOdometry(NamedTuple):
 
 def relative_odometry(track: Track, roll: float, roll_std: float) -> RelativeOdometry:
     """Return a track of `Pipeline.track` as odometry, by the follower's roll and its std, rad."""
-    shown = roll_std if track.turn is None else track.turn
-    covariance = covariance_6x6(track.pose, track.covariance, shown)
+    covariance = covariance_6x6(track.pose, track.covariance, roll_std, track.turn)
     twist, spread = body_twist(track.pose, track.rate, track.joint_covariance, roll)
     return RelativeOdometry(track.pose, covariance, twist, spread)

@@ -67,6 +67,10 @@ class Acceptance(TorchSweeps):
     def __init__(self, scene: Scene, range_m: float, show: Callable[[str], None] = print) -> None:
         super().__init__(scene.array.detectors_per_side, scene.full_scale_counts, show)
         self._scene, self._range_m = scene, range_m
+        self._told = np.array([-range_m, 0.0, 0.0, 0.0, 0.0])
+        # By how much hands may miss it.
+        off = range_m * np.array([MAX_RANGE_RATIO - 1, MAX_OFF, MAX_OFF])
+        self._by_hand = np.append(off, [MAX_TURN, MAX_TURN])
         self._lamp: list[tuple[int, Array]] = []
 
     @property
@@ -167,17 +171,15 @@ class Acceptance(TorchSweeps):
 
         Of a lamp that may be anywhere, a dim corner looks like a beam that comes from the side.
         """
-        told = np.array([-self._range_m, 0.0, 0.0, 0.0, 0.0])
-        off = self._range_m * np.array([MAX_RANGE_RATIO - 1, MAX_OFF, MAX_OFF])
-        by_hand, prior = np.append(off, [MAX_TURN, MAX_TURN]) / 2, model.scene.nuisance_std()
-        stds = np.array([*by_hand, *prior.values()])
+        prior = model.scene.nuisance_std()
+        stds = np.array([*self._by_hand / 2, *prior.values()])
         readings, used = image.ravel(), np.ones(image.size)
         sigma = np.sqrt(reading_variance(readings, model.noise))
 
         def light(at: Array) -> tuple[Array, Array]:
             values = at * stds
             offsets = {name: np.array(each) for name, each in zip(prior, values[5:], strict=True)}
-            counts, slopes = model.linearised(told + values[:5], roll, offsets)
+            counts, slopes = model.linearised(self._told + values[:5], roll, offsets)
             return counts, slopes * stds
 
         def residuals(at: Array) -> Array:
@@ -210,9 +212,8 @@ class Acceptance(TorchSweeps):
                 f"{ratio**-2:.2g} times the scene's: correct lamp.reference_counts, or check "
                 "lens and beam"
             )
-        off = np.abs(seen.pose - [-told, 0, 0, 0, 0])[1:]
-        allowed = np.array([MAX_OFF * told, MAX_OFF * told, MAX_TURN, MAX_TURN])
-        if (off > allowed + 3 * np.sqrt(np.diag(seen.covariance)[1:])).any():
+        off, stds = np.abs(seen.pose - self._told), np.sqrt(np.diag(seen.covariance))
+        if (off > self._by_hand + 3 * stds)[1:].any():
             return f"{text}: aim lamp and array at each other, and measure again"
         return ""
 

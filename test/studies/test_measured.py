@@ -153,9 +153,10 @@ def test_a_room_is_read_in_counts(tmp_path):
     assert len(room.of((5,)).runs) == 1
     path.write_text("# run,x,y,a,b,c,d\n0,1,2,0.1,0.2,0.3,0.4\n5,3,4,0.5,0.6,0.7,0.8\n")
     np.testing.assert_array_equal(read_room(path).runs, [0, 5])
-    path.write_text("0,1,2,0.1,0.2,0.3,0.4\n0,1,2\n")
-    with pytest.raises(ValueError, match="give run, x, y and the readings of 4 lamps"):
-        read_room(path)
+    for short in ("run,x,y\n0,1,2\n", "0,1,2,0.1,0.2,0.3,0.4\n0,1,2\n"):
+        path.write_text(short)
+        with pytest.raises(ValueError, match="give run, x, y and the readings of 4 lamps"):
+            read_room(path)
 
 
 def ies(path, intensity):

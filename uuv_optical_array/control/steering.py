@@ -45,12 +45,13 @@ class Aim(NamedTuple):
     - error: from the follower to the goal, m and rad, shape ``(5,)``.
     - speed: of the goal, m/s and rad/s, shape ``(5,)``, in the axes of `error`.
     - to_body: rotation from these axes to the follower's, shape ``(3, 3)``.
-    - lamps: to keep off; the bow keeps the first in sight.
+    - lamps: to keep off; the bow keeps the first in sight while it turns into the way.
     - depths: to keep off. Where all cannot be kept off, the last one counts most, and depths more
       than lamps.
     - straight: whether the way to the goal is to be straight, where it is faster than the limits.
       Else each axis goes as fast as it may: a goal that moves on is reached sooner by that, but
       with the bow down the way there leads up, as surge is cut and the heave that makes up is not.
+      The bow does not turn into a straight way, because a search limits its turn.
     """
 
     error: Array

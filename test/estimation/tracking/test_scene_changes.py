@@ -1,13 +1,17 @@
 """What to change in a scene: written there, it gives the light of the sea that was found."""
 
+import math
+import re
+
 import numpy as np
 import pytest
-from scenes import changed, make_scene, nested
+from scenes import READY, changed, make_scene, nested, ready
 
 from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.track import Learnt
-from uuv_optical_array.estimation.unknowns.constants import Constants
+from uuv_optical_array.estimation.unknowns.constants import Constants, constants_of
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.prior import GRADIENTS, ROLL
 
 NAMES = ("lamp.power", "attenuation.k_per_m", "ambient.level_counts")
 STDS = dict(zip(NAMES, (0.1, 0.02, 5.0), strict=True))
@@ -23,6 +27,16 @@ OF_SEA_AND_ARRAY = {
     "field_of_view.cosine_power": 0.1,
     "array.radius_m": 0.02,
 }
+LAMPS = ready("leading_lights").settings()["lamps"]
+LAMPS[1]["power"] = 2.0
+OF_THREE_LAMPS = ForwardModel(changed("leading_lights", lamps=LAMPS))
+BY_LAMP = {
+    "lamp.power": 0.05,
+    "lamps.0.power": 0.03,
+    "lamps.0.pitch_deg": 0.2,
+    "lamps.1.y_m": 0.002,
+    "lamps.2.power": 0.03,
+}
 POSES = np.array([[-4.0, 0, 0, 0, 0], [-7.0, 0.4, -0.3, 0.1, -0.1]])
 
 
@@ -34,7 +48,12 @@ def model_with(changes, model=MODEL):
     """Return the model's scene with changes written into it, by their dotted keys."""
     scene = model.scene
     for change in changes:
-        scene = changed(scene, **nested(change.key, change.value))
+        if found := re.fullmatch(r"lamps\[(\d)\]\.(\w+)", change.key):
+            lamps = scene.settings()["lamps"]
+            lamps[int(found[1])][found[2]] = change.value
+            scene = changed(scene, lamps=lamps)
+        else:
+            scene = changed(scene, **nested(change.key, change.value))
     return ForwardModel(scene)
 
 
@@ -46,6 +65,7 @@ def model_with(changes, model=MODEL):
         (MODEL, STDS, (0.0, 0.08, 0.0)),
         (MODEL, STDS, (0.35, -0.09, 30.0)),
         (IN_SEA, OF_SEA_AND_ARRAY, (0.07, 1.2, 0.4, 0.08)),
+        (OF_THREE_LAMPS, BY_LAMP, (0.3, -0.3, -2.0, 0.03, 0.2)),
     ],
 )
 def test_the_changed_scene_gives_the_light_that_was_found(model, stds, offsets):
@@ -54,6 +74,24 @@ def test_the_changed_scene_gives_the_light_that_was_found(model, stds, offsets):
     known = dict(zip(stds, np.array(offsets), strict=True))
     expected = np.array([model.light(pose, offsets=known) for pose in POSES])
     np.testing.assert_allclose(model_with(changes, model).light(POSES), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", READY)
+def test_each_constant_of_each_ready_scene_may_be_off(name):
+    model = ForwardModel(ready(name))
+    constants = constants_of(model)
+    for constant, std in zip(constants.names, constants.stds, strict=True):
+        for off in (3.1 * std, -3.1 * std):
+            changes = scene_changes(model, constants, {constant: Learnt(off, 1e-3 * std)})
+            assert all(math.isfinite(change.value) for change in changes)
+            if constant in (ROLL, *GRADIENTS):  # which no scene holds
+                assert changes == []
+                continue
+            if off < 0:
+                continue  # no value is below nothing
+            expected = model.light(POSES[0], offsets={constant: np.array(off)})
+            found = model_with(changes, model).light(POSES[0])
+            np.testing.assert_allclose(found, expected, rtol=6e-3, atol=1e-9, err_msg=constant)
 
 
 def test_only_what_is_off_by_more_than_asked_is_named_with_key_value_and_reason():

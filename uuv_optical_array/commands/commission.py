@@ -3,7 +3,7 @@
 Find which reading belongs to which detector, and write the scene with this order as array.wiring,
 by which every node reorders its images. Move a torch in front of the array, as the command tells
 you: from port to starboard, then from top to bottom. The command finds any wiring, mirrored, turned
-or scrambled; a mirrored array gives false poses that no software can detect. An array that
+or scrambled; by one lamp a mirrored array gives false poses that no node notices. An array that
 demodulates sees no torch: move one of the lamps in its place. --lamp adds the acceptance test
 before the first dive, with the lamp, or all lamps, at a known range. It tests noise, dark level and
 light of the detectors and of the whole array, prints what to do about a failure, and prints the

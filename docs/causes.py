@@ -3,14 +3,14 @@
 What to do about each stands in ``uuv_optical_array/nodes/shared/reasons.py``.
 """
 
-_OLD_CLOCK = "The stamps are of another clock than the node's."
-
 CAUSES = {
     "no light": (
-        "No detector reads `min_peak_counts`, or it may be daylight: lamp off, hidden or too far."
+        "No detector reads `min_peak_counts` more than in darkness, or it may be daylight: lamp "
+        "off, hidden or too far."
     ),
     "no pattern": (
-        "All detectors read the same, dark or full scale: lamp too near, array shorted, daylight."
+        "All detectors read the same, or each darkness or full scale: lamp too near, array "
+        "shorted, daylight."
     ),
     "above full scale": "A reading exceeds the scene's full scale: of converter or saturation.",
     "not five finite numbers": "The message has no valid key parameters.",
@@ -20,9 +20,13 @@ CAUSES = {
     "no match": (
         "No signature is within `max_angle_rad`: the pose is beyond the table, or the sea differs."
     ),
-    "no fit": "Another lamp or sea, daylight, or dirty, dead or mirrored detectors.",
+    "no fit": (
+        "No pose that the fit can tell explains the image: another lamp or sea, daylight, shadow, "
+        "dirty or dead detectors, exchanged wires, or a pitch of almost 60 deg or more."
+    ),
     "outlier": (
-        "The pose is too far from the track: a reflection, another lamp, or too fast a manoeuvre."
+        "The pose is too far from the track, or its lamp from where the leader is expected: a "
+        "reflection, another lamp, or too fast a manoeuvre."
     ),
     "too uncertain": "The range is too uncertain to steer by, as by few or dim readings.",
     "late frame": (
@@ -31,11 +35,11 @@ CAUSES = {
     "repeated stamp": "Two frames have the same stamp.",
     "stamp not later": "A stamp is repeated, missing, or in the wrong order.",
     "stamp ahead": (
-        "A stamp leaps ahead of the node's clock: of an image, a range or the leader's motion."
+        "A stamp is ahead of the node's clock: of an image, a range or the leader's motion."
     ),
     "wrong frame": "The track is not in `beacon_frame`.",
     "no image": "Key parameters came without an image of their stamp.",
-    "no table": "The signature table could not be read.",
+    "no table": "The signature table could not be read or built.",
     "no roll": (
         "No `imu` message is near the image in time. The last roll is used, with growing "
         "uncertainty; before the first there is no pose."
@@ -44,29 +48,31 @@ CAUSES = {
     "not finite": "NaN or infinity, in a message or, if `not published`, by this node.",
     "out of bounds": "A number is too large or too small; are its units m, m/s and rad/s?",
     "bad attitude": "A quaternion does not have the length 1.",
-    "wrong encoding": "The image is not mono16.",
+    "wrong encoding": "The image is neither mono16 nor 16UC1.",
     "wrong size": (
         "The image is not of the scene's array, or there are several sets of key parameters."
     ),
     "wrong step": "The rows of the image have the wrong length.",
     "truncated": "The message has another number of bytes than its size states.",
     "wrong fields": "The fields are not those of key parameters.",
-    "wrong field type": "The fields are not FLOAT64.",
+    "wrong field type": "A field is not one FLOAT64.",
     "wrong field offsets": "The key parameters do not follow each other.",
     "pose": "The pose is out of bounds, or not later than the one before.",
     "covariance": "The covariance is missing, not positive definite or out of bounds.",
     "rate": "A rate of the pose is beyond what vehicles reach, in m/s or rad/s.",
-    "range": "The range is not a distance in m.",
+    "range": "The range is not from 1 mm to 10 km.",
     "range std": "The range's standard deviation is out of bounds.",
-    "false range": "The range is too far from the track: an echo, or a lamp or sea that changed.",
-    "late range": "The range is older than `buffer_s`, and not used.",
+    "false range": (
+        "The range is too far from the track, as by an echo, or where lamp or sea have changed."
+    ),
+    "late range": "The range is more than `buffer_s` older than the newest pose, and not used.",
     "repeated range": "Two ranges have the same stamp; the first is used.",
-    "range without light": "No image is near the range in time. A range alone gives no pose.",
+    "range without light": "No pose is near the range in time. A range alone gives none.",
     "late motion": "The message of the leader's motion is older than 3 s.",
     "motion": "The leader's motion is out of bounds.",
     "false motion": "The light contradicts the motion that the leader sends.",
     "readings": "The readings could not be linearised.",
-    "no leader": "The leader's odometry lags far behind the follower's.",
+    "no leader": "The leader's odometry is missing, or lags far behind the follower's.",
     "no leader pose at the follower's stamp": "The leader's odometry has a gap or begins later.",
     "no state": "The message is not that of a formation node.",
     "frames differ": "The odometries are in two frames.",
@@ -75,18 +81,19 @@ CAUSES = {
     ),
     "no input": "The node received nothing that it could answer.",
     "no output": "Poses arrive, but do not steer yet: they first have to agree for `settle_s`.",
-    "several publishers": "Two nodes publish on one topic.",
+    "several publishers": "A topic has more than one publisher.",
     "mismatch": (
         "Many images differ from the scene by more than its prior; the text names the best "
         "explanation. Poses and what the track learns do not change."
     ),
-    "old stamps": _OLD_CLOCK,
-    "future stamps": _OLD_CLOCK,
+    "old stamps": "A stamp is more than 5 s old: of another clock than the node's, or too late.",
+    "future stamps": "A stamp is more than 1 s ahead: of another clock than the node's.",
     "no clock": "The node waits for simulated time.",
     "zero stamp": "A message has no stamp.",
     "dark lamp": "One of several lamps gives no light where its pose predicts some.",
     "faulty detector": (
-        "A detector is dead, stuck, dirty or in a glint. The pose is that of the others."
+        "A detector does not read the light that the others tell, as where it is dead, stuck, "
+        "dirty, shaded or in a glint. The pose is that of the others."
     ),
     "coasting": (
         "No pose steers; the follower goes on as its leader did, led by what light there is."
@@ -97,12 +104,16 @@ CAUSES = {
         "The station is so near the minimum distance that the follower goes slowly, to stop in "
         "time if the light goes out."
     ),
-    "not engaged": "The node was told not to steer, by `~/engage` or `start_engaged`.",
+    "not engaged": (
+        "The node does not steer, by `~/engage` or `start_engaged`, or by `when_lost`."
+    ),
     "follower waits": "The demonstration's follower has no leader.",
     "left out": "Another vehicle's odometry is missing: the image lacks its lamp and its body.",
     "leader waits": (
         "A follower's first command, its leader's light or its compiled fit is missing."
     ),
-    "table": "The folder is missing, damaged or of another scene.",
-    "scene": "No pose of the scene's table has light.",
+    "table": (
+        "The folder is missing, incomplete, damaged, of another scene or version, or too large."
+    ),
+    "scene": "No pose of the scene's table has light, or the table is too large for the memory.",
 }

@@ -11,7 +11,11 @@ from uuv_optical_array.nodes.shared import reasons
 VALUES = (
     ("`answered`, `refused`, `refused: ...`", "all", "messages, refused ones also by kind"),
     ("`taken`", "formation", "poses received; `answered` counts commands"),
-    ("`passed_over`", "feature in `follower_node`, estimator", "images left out for a newer one"),
+    (
+        "`passed_over`",
+        "feature in `follower_node`, else estimator",
+        "images left out for a newer one",
+    ),
     (
         "`Events in window`, `Events since startup`, `Duration of window (s)`, "
         "`Actual frequency (Hz)`",
@@ -21,7 +25,7 @@ VALUES = (
     (
         "`Earliest timestamp delay:`, `Latest timestamp delay:`",
         "all but vehicles",
-        "age of a stamp at the answer, s",
+        "age of stamps as they were answered or taken, s",
     ),
     (
         "`Timestamp jitter (s)`",
@@ -33,30 +37,30 @@ VALUES = (
     (
         "`light_level`, `saturated_share`",
         "feature",
-        "brightest detector over full scale (near 0: dim), and share of those at full scale",
+        "largest reading over full scale (near 0: dim), and share of readings at full scale",
     ),
     ("`range_m`", "simulator, formation", "distance behind the lamp, m"),
     ("`sea`", "simulator", "differences of the simulated sea from the scene"),
     (
         "`method`, `fit`",
         "estimator",
-        "the method; its fit: `compiled`, or slower, in Python, `as it stands`",
+        "the method; the fit of `least_squares`: `compiled`, or slower, in Python, `as it stands`",
     ),
     (
         "`angle_rad`, `runner_up_angle_rad`",
         "estimator",
-        "spectral angle to the best signature, and to the runner-up",
+        "spectral angle to the nearest signature, and to the runner-up",
     ),
     (
         "`misfit`, `runner_up_misfit`",
         "estimator",
-        "probability of larger residuals in this scene; near 0 the sea differs from it",
+        "probability of larger residuals in this scene; near 0 the light differs from it",
     ),
     ("`unobservable`", "estimator", "degrees of freedom that the image hardly shows"),
     (
         "`std_x`, `std_y`, `std_z`, `std_pitch`, `std_yaw`",
         "estimator",
-        "standard deviation, m and rad",
+        "standard deviation of the pose, m and rad",
     ),
     (
         "`table_margin`",
@@ -67,12 +71,17 @@ VALUES = (
         "`own_motion`",
         "estimator",
         "whether `cmd_vel` is used: `told`; `not told`, where none came for `command_timeout_s`, "
-        "or by another clock; `contradicted` by the images and not used: the follower does not "
-        "obey, or it is not in m/s and rad/s along its own axes; if that lasts, set "
-        "`use_commands` to false",
+        "or by another clock, or `use_commands` is false; `contradicted` by the images and not "
+        "used: the follower does not obey, or it is not in m/s and rad/s along its own axes; if "
+        "that lasts, set `use_commands` to false",
     ),
     ("`range`", "estimator", "difference of the last range from the track, and whether it is used"),
-    ("`learnt_...`", "estimator", "estimate of a constant by the track"),
+    (
+        "`learnt_...`",
+        "estimator",
+        "difference of a constant from the scene's, by the track, and its standard deviation: of "
+        "power, scattering and radius that of the logarithm",
+    ),
     ("`scene_...`", "estimator", "value to write into the scene, where the sea differs"),
 )
 
@@ -94,8 +103,8 @@ def diagnostics() -> list[str]:
     return [
         *parts,
         "## Values",
-        "Counts are since the start, those of the window of up to 5 s, all else of the last "
-        "answered message or second. The nodes are in brackets.",
+        "Counts are since the start, but for that of the window of up to 5 s; all else is of the "
+        "last second. The nodes are in brackets.",
         "\n".join(f"- {names} ({of}): {meaning}" for names, of, meaning in VALUES),
     ]
 

@@ -23,7 +23,7 @@ REFUSALS = {
     ),
     "no fit": (
         "Cover the lamp and look for other light in `array/image`; then calibrate. Where some "
-        "images have a pose, the values `scene_...` say what differs from the scene."
+        "images have a pose, values `scene_...` may say what differs from the scene."
     ),
     "outlier": (
         "If it lasts, raise `velocity_walk_m_per_s` and `turn_walk_deg_per_s`, and look at the "
@@ -36,7 +36,7 @@ REFUSALS = {
     "repeated stamp": _STAMPS,
     "stamp not later": (
         "Let the driver stamp each exposure; look for a second publisher, or for a clock that was "
-        "set back. The node recovers by itself."
+        "set back, after which the node recovers by itself."
     ),
     "stamp ahead": "If it lasts, let the sender stamp by a synchronised clock.",
     "wrong frame": (
@@ -45,7 +45,7 @@ REFUSALS = {
     "no image": (
         "Let driver and feature node keep the stamp of the image; see the parameter `use_image`."
     ),
-    "no table": "See the error `table ...`.",
+    "no table": "See the error of the node.",
     "no roll": (
         "Check the IMU's topic and clock, raise `max_imu_age_s`, or set `use_imu` to false."
     ),
@@ -114,7 +114,8 @@ WARNINGS = {
     "dark lamp": "Check whether the lamp is on, and whether something hides it.",
     "faulty detector": "Clean or repair it; until then name it in `effects.detector_faults`.",
     "coasting": (
-        "Check whether the lamp is on and what hides it. The follower searches after `coast_s`."
+        "Check whether the lamp is on and what hides it. Without light the follower searches after "
+        "`coast_s`."
     ),
     "searching": (
         "Wait, or bring the leader's lamp into view. `~/engage` with false stops the follower."

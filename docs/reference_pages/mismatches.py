@@ -37,10 +37,10 @@ def troubles() -> list[str]:
         "([results](../results/envelope.md)). Of them the estimator knows only the clouds of "
         "`night_plume`. The leader sets off once all followers are locked. Unless stated otherwise "
         "it moves at 0.5 m/s: straight on in the groups Darkness and Leader and in a chain, else "
-        "on the demonstration's path. Currents begin as it sets off, and its manoeuvres 15 s "
-        "later. Light, water and IMU change 15 s after the start of the run, or 20 s where the "
-        "leader's lamp goes out beside another one. Wrong detectors, clouds that the scene names "
-        "and equal lamps aside are there from the start.",
+        "on the demonstration's path. Currents and other speeds of the way begin as it sets off, "
+        "manoeuvres that a kind names 15 s later. Light, water and IMU change 15 s after the start "
+        "of the run, or 20 s where the leader's lamp goes out beside another one. Wrong detectors, "
+        "clouds that the scene names and equal lamps aside are there from the start.",
     ]
     for group in dict.fromkeys(kind.group for kind in TROUBLES):
         named = {f"`{kind.name}`": kind.what for kind in TROUBLES if kind.group == group}

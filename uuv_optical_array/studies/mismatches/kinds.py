@@ -124,12 +124,13 @@ def _kinds(
 
 
 POWER_CURE = "Calibrate again when lamp or battery change; widen `prior.lamp_power_std`."
-K_CURE = "Measure K or calibrate where you dive; widen `prior.k_std_per_m`."
-SEA_CURE = K_CURE.replace("K or", "the water or").replace("k_std_per_m", "scattering_std")
+WATER_CURE = "Measure the water or calibrate where you dive; widen"
+K_CURE = f"{WATER_CURE} `prior.k_std_per_m`, or of the effect `sea` `prior.absorption_std_per_m`."
+SEA_CURE = f"{WATER_CURE} `prior.scattering_std`."
 BEAM_CURE = "Calibrate the mounted lamp; an ageing diffuser widens the beam."
 SHAPE_CURE = "Name the lamp's file in `lamp.photometry`, or calibrate with a `beam_shape_std`."
 AMBIENT_CURE = "Measure with the lamp off and set `effects.ambient`, or shield the array."
-GRADIENT_CURE = f"{AMBIENT_CURE} A track learns the slope while the range changes."
+GRADIENT_CURE = f"{AMBIENT_CURE} A track may learn the slope while the range changes."
 LAMP_CURE = "Cover or switch off other lamps, or modulate the leader's."
 CARRIER_CURE = "Give each leader its own carriers, at least 100 Hz from all others."
 GAIN_CURE = "Calibrate the gains; clean the windows."
@@ -198,10 +199,10 @@ KINDS = (
             "The water scatters twice as much.", SEA_CURE,
             (2.0,), "scattering_std", lambda by: float(np.log(by)), needs="sea"),
     *_kinds("two_dirty", partial(seas.some_detectors, number=2, gain=0.8),
-            "Two detectors read 0.8 of their light.", FAULT_CURE),
+            "Two detectors read 0.8 of what they would.", FAULT_CURE),
     *_kinds("glint", partial(seas.some_detectors, number=1, counts=50.0),
             "One detector reads 50 counts more.",
-            "Shade the array from the surface; such a detector is left out."),
+            "Shade the array from the surface; such a detector is mostly left out."),
     *_kinds("dead_detector", partial(seas.one_detector, full_scales=0.0),
             "One detector is dead.", FAULT_CURE),
     *_kinds("stuck_detector", partial(seas.one_detector, full_scales=10.0),
@@ -220,10 +221,10 @@ KINDS = (
     *_kinds("fouled_{by:g}", seas.fouled,
             "Fouling takes {percent:g} % of the light at one edge of the array.",
             SHADE_CURE, (0.3, 0.6)),
-    *_kinds("bubble_{by:g}", seas.bubble, "A bubble takes {percent:g} % of a detector's light.",
+    *_kinds("bubble_{by:g}", seas.bubble, "A bubble takes up to {percent:g} % of detectors' light.",
             "Wipe the window; purge the air before the dive.", (0.3,)),
     *_kinds("snow", partial(seas.some_detectors, number=3, gain=0.7),
-            "Flakes of marine snow take 30 % of the light of three detectors.",
+            "Flakes of marine snow take 30 % of what three detectors read.",
             "Wait until they have passed."),
     *_kinds("moffat", seas.moffat_lobe,
             "The beam is a Moffat lobe, with wider flanks, as wide at half of its peak.",
@@ -249,15 +250,15 @@ KINDS = (
             "Dive deeper or tilt the lamp down; near a calm surface trust no height."),
     *_kinds("moving", lambda sea: sea.model.light(
                 sea.poses, time_s=sea.rng.uniform(0, DAY_S, len(sea.poses))),
-            "What moves in the scene moves: plume, flicker, drift.",
+            "What moves in the scene moves: plume, flicker and drift of the lamp.",
             "Wait until the clouds have passed, or go so near that the lamp outshines them.",
             needs="motion"),
     *_kinds("near_2m", Sea.light,
-            "The follower is 2 m behind the lamp, nearer than the table; readings saturate.",
+            "The follower is 2 m behind the lamp.",
             "Extend `table.x_m`, and lower the array's gain.",
             draw=near_poses),
     *_kinds("aside_1.5m", Sea.light,
-            "The follower is 1.5 m off the beam's axis, outside of the table.",
+            "The follower is 1.5 m off the beam's axis.",
             "Extend `table.y_m` and `table.z_m`.",
             draw=aside_poses),
     *_kinds("noise", lambda sea: sea.rng.uniform(

@@ -254,8 +254,9 @@ def line(tmp_path):
     line.unplug()
 
 
-def begin(lab, port):
-    lab.begin({"serial_array_node:port": str(port)})
+def begin(lab, port, **parameters):
+    values = {"port": str(port), **parameters}
+    lab.begin({f"serial_array_node:{name}": value for name, value in values.items()})
     node = lab.start(example.SerialArrayNode)
     lab.heard = lab.listen(Image, "array/image")
     lab.connect()
@@ -301,6 +302,14 @@ def test_stamps_follow_the_arrays_clock_and_not_the_arrival(lab, line):
     assert found == [lag + 10**8 * i for i in range(len(jitter))]
     # After a restart the clock begins anew.
     assert node.exposed_ns(0, 5, lag + 10**9) == lag + 10**9
+
+
+def test_a_known_way_from_exposure_to_arrival_is_taken_off_the_stamps(lab, line):
+    node = begin(lab, line.name, least_delay_s=0.011)
+    assert node.exposed_ns(0, 5, 10**18) == 10**18 - 11_000_000
+    # Nothing is told by it of what is late.
+    with pytest.raises(example.Refused, match=r"late: 0\.2"):
+        node.exposed_ns(1, 5, 10**18 + 2 * 10**8)
 
 
 def test_an_array_that_is_unplugged_is_told_and_one_that_is_back_is_read(lab, line):

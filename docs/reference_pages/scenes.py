@@ -45,7 +45,10 @@ def scene() -> list[str]:
         for key, of in UNCERTAIN.items()
         if of.as_bought
     }
-    known = " In square brackets: `known: calibrated` and `as_bought`."
+    known = (
+        " In square brackets: `known: calibrated` and `as_bought`, of what the scene has; the "
+        "shape of one Gaussian is exact."
+    )
     for group, owner in {**GROUPS, "lamps": BeaconLamp}.items():
         told, more = (known, sets) if group == "prior" else ("", {})
         parts += [
@@ -67,8 +70,9 @@ def effects() -> list[str]:
     """Return the page of the effects."""
     parts = [
         "# Effects",
-        "Only the effects that a scene names are simulated, in this order. [Light and noise]"
-        "(../explanation/light.md#effects) explains the forms in brackets, and which settings "
+        "Only the effects that a scene names are simulated, in this order, but for `pedestal`, "
+        "which comes before `saturation`. [Light and noise](../explanation/light.md#effects) "
+        "explains the forms in brackets, and which settings "
         "exclude each other. Settings are shown as those of [a scene](scene.md); one without a "
         "default must be given, except where there are several ways.",
     ]

@@ -28,11 +28,11 @@ class ArraySettings:
         float, Quantity("distance of the array's frame ahead of base_link", "m", -50, 50)
     ] = 0.4
     radius_m: Annotated[
-        float | None, Quantity("radius of the sphere of a curved array", "m", 0.01, 100)
+        float | None, Quantity("radius of the sphere, which a curved array needs", "m", 0.01, 100)
     ] = None
     wiring: Annotated[
         Order | None,
-        Quantity("index of each detector in the image of a message, by rows", "", 0, 501**2),
+        Quantity("index of each detector in the image of a message, by rows", "", 0, 501**2 - 1),
     ] = None
 
     def __post_init__(self) -> None:

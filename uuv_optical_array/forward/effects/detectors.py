@@ -46,13 +46,13 @@ def field_of_view(
     ] = None,
     half_angle_deg: Annotated[
         float | None,
-        Quantity("angle of incidence at which half of the light is lost", "deg", 1, 90),
+        Quantity("angle of incidence at which the rim takes half of the light", "deg", 1, 90),
     ] = None,
     edge_deg: Annotated[
         float, Quantity("width of the cut-off around the half angle", "deg", 0.1, 60)
     ] = 5.0,
 ) -> Transmission:
-    """Narrow the response to the lamp beyond Lambert's cosine.
+    """Let the response to the lamp differ from Lambert's cosine.
 
     Either as ``cos^p`` of the incidence in all, a generalised Lambertian like that of a lensed
     diode, or by the rim of a housing: half is lost at the half angle and 88 % half an edge further
@@ -179,7 +179,7 @@ def detector_faults(
         Cells, Quantity("detectors with a constant reading, each as [row, column]", "", 0, 500)
     ] = (),
     stuck_counts: Annotated[
-        float, Quantity("reading of the stuck detectors", "counts", 0, 1e6)
+        float, Quantity("reading of the stuck detectors, less any pedestal", "counts", 0, 1e6)
     ] = 0.0,
 ) -> tuple[Gain, Background]:
     """Let detectors fail: dead ones read darkness, stuck ones a level; row 0 is the top.

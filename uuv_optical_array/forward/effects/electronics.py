@@ -22,10 +22,10 @@ def sensor_noise(
     array: DetectorArray,
     *,
     sigma_counts: Annotated[
-        float, Quantity("standard deviation of the noise of a reading", "counts", 0, 1e6)
+        float, Quantity("standard deviation of a reading, before demodulation", "counts", 0, 1e6)
     ],
     relative: Annotated[
-        float, Quantity("standard deviation of a second part, relative to the reading", "", 0, 1)
+        float, Quantity("standard deviation of a second part, relative to the light", "", 0, 1)
     ] = 0.0,
 ) -> Noise:
     """Net noise of a detector and its amplifier, Gaussian (Eren et al. 2016, eq. 7).
@@ -93,7 +93,7 @@ def photodiode(
         float | None, Quantity("irradiance of one count", "W/m^2", 1e-15, 1e6)
     ] = None,
 ) -> Noise:
-    """Noise of a photodiode and its amplifier from the data sheet (Eren et al. 2016, eq. 7).
+    """Noise of a type of photodiode and of its amplifier (Eren et al. 2016, eq. 7).
 
     Gaussian shot noise ``2 q I B`` of the light and of the dark current, Johnson noise
     ``4 k T B / R`` of the load parallel to the shunt resistance, and the noise of the amplifier. At
@@ -116,7 +116,7 @@ def saturation(
     array: DetectorArray,
     *,
     level_counts: Annotated[
-        float, Quantity("largest reading that photodiode and amplifier can give", "counts", 1, 1e6)
+        float, Quantity("largest signal, before demodulation and with a pedestal", "counts", 1, 1e6)
     ],
 ) -> Saturation:
     """Clip at the largest signal that photodiode and amplifier can give."""

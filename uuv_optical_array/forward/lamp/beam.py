@@ -39,7 +39,8 @@ class LampSettings:
     reference_counts: Annotated[
         float,
         Quantity(
-            "largest reading of an aligned array by this lamp alone, at the reference range",
+            "largest reading of an aligned array by this lamp alone, at the reference range; of "
+            "several lamps, as if one at the origin had their power",
             "counts",
             1,
             1e6,

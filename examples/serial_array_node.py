@@ -235,8 +235,8 @@ class SerialArrayNode(Node):
                 f"late: {delay_s:.3f} s behind the fastest frame, more than max_delay_s "
                 f"{self.parameters['max_delay_s']:g}"
             )
-        fastest_ns = round(1e9 * self.parameters["least_delay_s"])
-        return 1000 * time_us + min(self.lags_ns) - fastest_ns
+        least_ns = round(1e9 * self.parameters["least_delay_s"])
+        return 1000 * time_us + min(self.lags_ns) - least_ns
 
 
 def main(args: list[str] | None = None) -> None:

@@ -307,7 +307,7 @@ def test_stamps_follow_the_arrays_clock_and_not_the_arrival(lab, line):
 def test_a_known_way_from_exposure_to_arrival_is_taken_off_the_stamps(lab, line):
     node = begin(lab, line.name, least_delay_s=0.011)
     assert node.exposed_ns(0, 5, 10**18) == 10**18 - 11_000_000
-    # Nothing is told by it of what is late.
+    # Whether a frame is late does not depend on it.
     with pytest.raises(example.Refused, match=r"late: 0\.2"):
         node.exposed_ns(1, 5, 10**18 + 2 * 10**8)
 

@@ -11,8 +11,8 @@ Pareto-optimal designs are printed. Scores go into a picture and a CSV, from whi
   uuv_array study design --take 2                    all of it, and design 2 as a scene file
   uuv_array study design --scene leading_lights --sweep lamps=1,3 spread_m=0.2,0.4 tilt_deg=0,3
 The Pareto front `fits` is that of arrays no wider than the scene's, `resolved` that of those among
-them that meet the criterion at 4 m, `any` that of all arrays. A design is left out if another one
-has no more detectors and bounds that are no more than 10 % larger. Ctrl-C ends it early and draws
+them that meet the criterion at 4 m, `any` that of all arrays. A design is left out if one on the
+front has no more detectors and bounds that are at most 10 % larger. Ctrl-C ends it early and draws
 what there is.
 """
 

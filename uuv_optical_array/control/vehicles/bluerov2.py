@@ -4,9 +4,10 @@ Parameters, thrusters' places and greatest thrust are of von Benzon et al., An O
 Simulator: Control of a BlueROV2 Underwater Robot, J. Mar. Sci. Eng. 10(12):1898, 2022, table A1, in
 fresh water. The thrusters' lag, some 70 ms, and the tether are left out.
 
-Publications differ by a factor of about seven in the drag of surge: by von Benzon et al. full thrust holds 0.73 m/s,
-by Wu, 6-DoF Modelling and Control of a Remotely Operated Vehicle, Flinders University, 2018, tables
-5.2 and 5.3, 2.1 m/s. So there is a model by either, with the same hull and thrusters.
+Publications differ by a factor of about seven in the drag of surge: by von Benzon et al. full
+thrust holds 0.73 m/s, by Wu, 6-DoF Modelling and Control of a Remotely Operated Vehicle, Flinders
+University, 2018, tables 5.2 and 5.3, 2.1 m/s. So there is a model by either, with the same hull and
+thrusters.
 
 The autopilot has a gyroscope, an attitude and no velocity log. So surge, sway and heave get the
 thrust that drag and momentum ask for at the commanded velocity through the water. The roll is

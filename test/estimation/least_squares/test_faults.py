@@ -6,6 +6,7 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 from fits import kinds_of
+from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 from scipy.stats import entropy
 
@@ -13,6 +14,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.faults import (
     lines_of_neighbours,
+    log_faulty,
     most_faulty,
     weigh,
 )
@@ -196,6 +198,22 @@ def test_weights_are_the_least_of_their_cost(estimator, heat):
         assert weight == pytest.approx(found.x, abs=1e-5)
         costs += cost(weight) - weight * 0.5 * square / heat
     assert added == pytest.approx(costs)
+
+
+@pytest.mark.parametrize("light", [0.0, 80.0])
+def test_half_of_the_faults_dim_a_detector_and_all_are_a_probability(estimator, light):
+    """One in a hundred detectors is faulty; light in the noise counts as three of its stds."""
+    noise = clear_problem(estimator).noise._replace(low=-1.0, high=1e9, square=0.0)
+    std = np.sqrt(noise.variance)
+
+    def density(reading):
+        log = log_faulty(np.array([reading]), np.array([light]), noise, np.zeros(1), 1)
+        return np.exp(log) / (np.sqrt(2 * np.pi) * std)  # less what all costs leave out
+
+    own = max(light, 3 * std)
+    assert quad(density, 0, own)[0] == pytest.approx(0.005)
+    brighter, _ = quad(lambda inverse: density(1 / inverse) / inverse**2, 1e-6 / own, 1 / own)
+    assert brighter == pytest.approx(0.005, rel=1e-5)
 
 
 @pytest.mark.parametrize(

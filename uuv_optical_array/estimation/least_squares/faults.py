@@ -96,16 +96,17 @@ def log_faulty(
     readings: Array, light: Array, noise: ReadingNoise, weights: Array, lamps: int
 ) -> float:
     """Return the logarithm of the probability of readings that are not believed, as faults."""
-    log, faulty, brightest = 0.0, FAULTY ** (1 / lamps), 0.0
-    for reading in readings:
-        brightest = max(brightest, reading)
-    full = min(noise.high, 2 * brightest + 1)
+    log, faulty, dimmest = 0.0, FAULTY ** (1 / lamps), 3 * np.sqrt(noise.variance)
     for j in range(len(light)):
-        doubt = 1 - weights[j]
-        if noise.low < readings[j] < noise.high:
+        doubt, reading = 1 - weights[j], readings[j]
+        if noise.low < reading < noise.high:
+            # Half of the faults dim a detector to a share of its light, the other half add to it.
+            own = max(light[j] - noise.black, dimmest)
+            brighter = max(reading - noise.black, own)
             # The cost of readings leaves out what the variance adds where that does not grow.
             variance = 1.0 if grows(noise) else reading_variance(light[j], noise)
-            log += doubt * (np.log(faulty / full) + 0.5 * np.log(2 * np.pi * variance))
+            density = 0.5 * own / (brighter * brighter)
+            log += doubt * (np.log(faulty * density) + 0.5 * np.log(2 * np.pi * variance))
         else:
             log += doubt * np.log(faulty * AT_LIMIT)
     return log

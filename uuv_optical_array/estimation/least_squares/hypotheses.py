@@ -33,7 +33,12 @@ from uuv_optical_array.estimation.least_squares.frame import (
 )
 from uuv_optical_array.estimation.least_squares.frame_kinds import FrameKind
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
-from uuv_optical_array.estimation.least_squares.problem import UNUSUAL, Problem, lit
+from uuv_optical_array.estimation.least_squares.problem import (
+    UNUSUAL,
+    Problem,
+    light_at,
+    lit,
+)
 from uuv_optical_array.estimation.least_squares.starts import Guide
 from uuv_optical_array.forward.model import ForwardModel
 
@@ -208,8 +213,9 @@ class Hypotheses:
             weights = np.where(line, 0.0, found.frame.weights)
             problem = image.problem(kind)._replace(weights=weights)
             hidden = self._hypothesis(kind, problem, self._guide)
-            noise, more = problem.noise, np.count_nonzero(line & ~out) / lamps
-            chance = log_faulty(image.readings, image.readings, noise, weights, lamps)
+            more = np.count_nonzero(line & ~out) / lamps
+            light = light_at(problem, np.append(hidden.frame.coordinates, hidden.frame.best[5:]))
+            chance = log_faulty(image.readings, light, problem.noise, weights, lamps)
             # As probable as that its neighbours alone are.
             mended.append(hidden._replace(log_chance=float(chance - more * math.log(FAULTY))))
         return [each if self._fits(each) else each.refused for each in mended]

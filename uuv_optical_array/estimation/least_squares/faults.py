@@ -26,7 +26,7 @@ from uuv_optical_array.estimation.least_squares.starts import Guide, least_of, r
 from uuv_optical_array.forward.noise import ReadingNoise, reading_variance
 
 FAULTY = 1e-2  # probability that a detector is faulty, in an image that does not fit
-AT_LIMIT = 0.25  # and that it is then dark, or at full scale
+EACH = 0.25  # and that it is then dark, dimmed, brighter or at full scale
 # Cost of a detector, that of three standard deviations, beyond which it has little weight: where
 # one is faulty, others are doubted early. Each further lamp adds the growth of a chi-square with
 # its degrees of freedom.
@@ -100,15 +100,15 @@ def log_faulty(
     for j in range(len(light)):
         doubt, reading = 1 - weights[j], readings[j]
         if noise.low < reading < noise.high:
-            # Half of the faults dim a detector to a share of its light, the other half add to it.
+            # A dimmed one reads any share of its light; brighter ones are rarer, the brighter.
             own = max(light[j] - noise.black, dimmest)
             brighter = max(reading - noise.black, own)
             # The cost of readings leaves out what the variance adds where that does not grow.
             variance = 1.0 if grows(noise) else reading_variance(light[j], noise)
-            density = 0.5 * own / (brighter * brighter)
+            density = EACH * own / (brighter * brighter)
             log += doubt * (np.log(faulty * density) + 0.5 * np.log(2 * np.pi * variance))
         else:
-            log += doubt * np.log(faulty * AT_LIMIT)
+            log += doubt * np.log(faulty * EACH)
     return log
 
 

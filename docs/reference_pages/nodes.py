@@ -44,9 +44,9 @@ def parameters() -> list[str]:
     }
     parts = [
         "# Node parameters",
-        "Each is shown with its default and, in brackets, its values, in the unit of its name; "
-        "with a star it is fixed when its node starts. `config/follow.yaml` says when to change "
-        "which.",
+        "Each is shown with its default and, in brackets, the bounds of a number, in the unit of "
+        "its name, or the words to choose from; with a star it is fixed when its node starts. "
+        "`config/follow.yaml` explains each.",
         "## Common parameters",
         parameter_list(common),
     ]
@@ -73,8 +73,8 @@ def parameters() -> list[str]:
             f"## Arguments of `{name}`",
             f"{same} are as above."
             if same
-            else "An argument without a default leaves its parameter as it is unless you give it. "
-            "Below, one without a meaning has that of this list.",
+            else "An argument without a default changes nothing unless you give it, but for "
+            "`publish_tf` with `rviz`. Below, one without a meaning has that of this list.",
             "\n".join(lines),
         ]
         above = above or arguments
@@ -163,8 +163,9 @@ def topics() -> list[str]:
     ]
     return [
         "# Topics",
-        "Names are relative and can be remapped. Publishers are reliable, subscriptions best "
-        "effort, but those of `follow_state` reliable; `qos_overrides` parameters change both. "
+        "Names in the table are relative, but for what `others` says, and can be remapped. "
+        "Publishers there are reliable, subscriptions best effort, but those of `follow_state` "
+        "reliable; `qos_overrides` parameters change both. "
         "Every node also publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz, with "
         "`publish_tf` some `/tf` or `/tf_static`. `<n>` counts the followers of a leader alone, "
         "`<other>` is each of `others`. Filled marks publish, open ones subscribe.",
@@ -182,7 +183,8 @@ def topics() -> list[str]:
                 "- `follow_state`: what the follower does. Its message is "
                 "[the state](../how_to/operations.md#states), its values are `reason`, "
                 "`since (s)`, on the node's clock, and `for (s)`. It comes at each change "
-                "and at 1 Hz, and those who listen later get the last one.",
+                "and at 1 Hz, and a reliable, transient-local subscriber that comes later gets the "
+                "last one.",
                 "- `markers`: for RViz, beam and body by `estimator_node`, station and state by "
                 "`formation_node`.",
                 "- `range`: distance from the lamp to the follower's `base_link`; `odometry`: the "

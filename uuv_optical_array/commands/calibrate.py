@@ -85,7 +85,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hold", help=about + "may be repeated", **words)
     about = "fit both parts of sensor_noise, too"
     parser.add_argument("--noise", action="store_true", help=about)
-    about = "write the scene even if the model is wrong"
+    about = "write the scene even if it is refused"
     parser.add_argument("--force", action="store_true", help=about)
 
 

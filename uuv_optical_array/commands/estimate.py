@@ -1,9 +1,9 @@
 """``uuv_array estimate``: estimate the poses of a recorded bag.
 
-Estimate a pose from every image as feature and estimator node would, with any scene and method and
-a roll of 0, on all cores (`taskset` allows fewer). The command writes a folder: frames.csv (a line
-for each image), bag (MCAP, with relative_pose), relative_pose.tum and, if the bag has both
-odometries, truth.tum. --track also filters the frames in their order, with the follower's commands
+Estimate a pose from every image as feature and estimator node would without IMU and range, with any
+scene and method, and without --track on all cores (`taskset` allows fewer). The command writes a
+folder: frames.csv (a line for each image), bag (MCAP, with relative_pose), relative_pose.tum and,
+if the bag has both odometries, truth.tum. --track also filters the frames in their order, with the follower's commands
 if the bag has any, and adds relative_odometry. Bags without metadata.yaml are read, and so are the
 complete messages of a truncated MCAP file.
 
@@ -62,7 +62,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     filtered = "filter the frames, and learn the constants"
     parser.add_argument("--track", action="store_true", help=filtered)
     light.add_tables(parser)
-    about = "known part of the poses, by its column or the given value; may be repeated"
+    about = "known part of the poses, or its error, by its column or the given value; may be "
+    about += "repeated"
     known: dict[str, Any] = {"action": "append", "default": [], "type": light.known_column}
     parser.add_argument("--known", help=about, metavar="NAME[=VALUE]", **known)
     outputs.add_folder(parser, "folder to make (default: the bag's name with _estimates, here)")

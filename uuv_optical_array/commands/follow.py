@@ -66,7 +66,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     about = "ROS parameters; others keep their default (default: none)"
     parser.add_argument("--params-file", type=Path, metavar="FILE", help=about)
     outputs.add_picture(parser, "follow.png")
-    about = "write what the nodes publish as a bag, MCAP, to a new folder"
+    about = "write images, features, poses, odometries, commands and states as a bag, MCAP, to a "
+    about += "new folder"
     outputs.add_folder(parser, about, "--record")
 
 

@@ -42,7 +42,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     here = f"(default: {LOOPBACK}:{PORT}, this machine alone)"
     served = f"where the page is served; a port in use gives the next free one {here}"
     parser.add_argument("--address", type=address, default="", metavar="HOST:PORT", help=served)
-    about = f"write a picture after {SCREENSHOT_S:g} s, and end"
+    about = f"write a picture at {SCREENSHOT_S:g} s, or at the end of a shorter bag, and end"
     parser.add_argument("--screenshot", type=Path, metavar="PNG", help=about)
 
 

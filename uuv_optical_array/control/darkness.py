@@ -43,20 +43,32 @@ class SearchSettings(SightSettings):
     """What a follower does without light."""
 
     coast_s: Annotated[
-        float, Quantity("time without light after which the follower searches", "s", 0, 60)
+        float,
+        Quantity("time without a sign of the leader after which the follower searches", "s", 0, 60),
     ] = 8.0
     search_time_s: Annotated[
         float,
-        Quantity("time without light after which the search ends; 0: no search", "s", 0, 3600),
+        Quantity(
+            "longest search, counted from ~/search or the last sign of the leader before it; 0: no "
+            "search",
+            "s",
+            0,
+            3600,
+        ),
     ] = 90.0
     search_start_s: Annotated[
         float,
-        Quantity("time without light at the start after which it searches; 0: never", "s", 0, 600),
+        Quantity(
+            "time from the first image after which it searches if no light has steered; 0: never",
+            "s",
+            0,
+            600,
+        ),
     ] = 5.0
     search_distance_m: Annotated[
         float,
         Quantity(
-            "largest distance of a search from where its leader was seen or heard last",
+            "largest distance of a search from where the follower last saw or heard its leader",
             "m",
             0,
             1000,
@@ -64,17 +76,29 @@ class SearchSettings(SightSettings):
     ] = 40.0
     search_depth_m: Annotated[
         float,
-        Quantity("largest change of depth from where light last steered", "m", 0, 100),
+        Quantity(
+            "largest change of depth from where light last steered, but to surface", "m", 0, 100
+        ),
     ] = 3.0
     search_turn_deg: Annotated[
         float,
         Quantity(
-            "largest turn of a search from the heading at which the light was lost", "deg", 0, 180
+            "largest turn of a search from the heading at which the follower last saw or heard its "
+            "leader",
+            "deg",
+            0,
+            180,
         ),
     ] = 150.0
     settle_s: Annotated[
         float,
-        Quantity("time for which poses must agree before light that came back steers", "s", 0, 10),
+        Quantity(
+            "time for which poses must agree before they begin to steer, unless the leader is "
+            "surely there",
+            "s",
+            0,
+            10,
+        ),
     ] = 1.0
     when_lost: Annotated[
         LostAction,

@@ -35,14 +35,20 @@ class FormationSettings:
         float,
         Quantity(
             "largest acceleration of the commanded speed on each axis; to keep off the lamp, or a "
-            "depth, it may be more",
+            "depth, or to disengage, it may be more",
             "m/s^2",
             0.01,
             5,
         ),
     ] = 1.0
     max_acceleration_deg_per_s2: Annotated[
-        float, Quantity("largest acceleration of the commanded turn rate", "deg/s^2", 0.1, 90)
+        float,
+        Quantity(
+            "largest acceleration of the commanded turn rate; to disengage, it may be more",
+            "deg/s^2",
+            0.1,
+            90,
+        ),
     ] = 30.0
     light_timeout_s: Annotated[
         float, Quantity("time without a pose after which the light is lost", "s", 0.1, 60)

@@ -48,13 +48,13 @@ class EstimatorSettings:
 
     method: Annotated[Method, Quantity("method of the estimate")] = "least_squares"
     max_angle_rad: Annotated[
-        float, Quantity("largest spectral angle of a match", "rad", 0, math.pi)
+        float, Quantity("largest spectral angle of a match of the sam methods", "rad", 0, math.pi)
     ] = 0.25
     neighbours: Annotated[
         int,
         Quantity(
-            "number of nearest rows of the table: their spread is the covariance of the sam "
-            "methods, and their mean the pose of sam_interpolated",
+            "number of nearest rows of the table: the sam methods add their spread to the "
+            "covariance, and sam_interpolated returns their mean",
             "rows",
             2,
             10_000,
@@ -63,15 +63,21 @@ class EstimatorSettings:
     candidates: Annotated[
         int,
         Quantity(
-            "number of poses from which least_squares starts; more where few detectors are lit, or "
-            "all lie in a plane",
+            "least number of poses from which least_squares starts: of one lamp it takes more "
+            "where few detectors are lit, or where all lie in a plane",
             "poses",
             1,
             MOST_STARTS,
         ),
     ] = 3
     max_misfit: Annotated[
-        float, Quantity("probability that a valid image is refused for its residuals", "", 0, 0.5)
+        float,
+        Quantity(
+            "largest probability that a valid image in even light is refused for its residuals",
+            "",
+            0,
+            0.5,
+        ),
     ] = 1e-5
 
 
@@ -88,12 +94,12 @@ class Estimator:
     max_angle_rad
         Largest spectral angle of a match; ``least_squares`` goes by the misfit instead.
     neighbours
-        Nearest rows whose spread is the covariance of ``sam``, and whose mean is the pose of
-        ``sam_interpolated``. On a 13^5 table 64 give a mean normalised squared error near its
+        Nearest rows whose spread enters the covariance of the sam methods, and whose mean is the
+        pose of ``sam_interpolated``. On a 13^5 table 64 give a mean normalised squared error near its
         expectation of 5; fewer are overconfident.
     candidates
-        Poses of like signature from which ``least_squares`` starts; `MOST_STARTS` where few
-        detectors are lit, and `RING` at least where all lie in a plane.
+        Poses of like signature from which ``least_squares`` starts; of one lamp `MOST_STARTS` where
+        few detectors are lit, and `RING` at least where all lie in a plane.
     max_misfit
         An image whose residuals are less probable than this, under scene and prior, is not of this
         scene and has no pose. Gains that the prior leaves unknown may be twice as large.

@@ -58,7 +58,10 @@ from uuv_optical_array.nodes.shared.rest import Rest
 
 PARAMETERS = {
     **shared("scene", "frame_prefix", "base_frame", "beacon_position_m", "publish_tf"),
-    "table": Parameter("", Quantity("folder of the signature table; empty: it is built in memory")),
+    "table": Parameter(
+        "",
+        Quantity("folder of the signature table; empty: the sam methods build it in memory"),
+    ),
     **parameters_of(EstimatorSettings),
     "use_image": Parameter(
         True,
@@ -96,7 +99,9 @@ PARAMETERS = {
     **parameters_of(TrackerSettings),
     **shared("beacon_frame"),
     "tf_child_frame": Parameter(
-        FOLLOWER_FRAME, Quantity("frame of the follower on /tf and in relative_odometry"), True
+        FOLLOWER_FRAME,
+        Quantity("frame of the follower in relative_odometry, and below beacon_frame on /tf"),
+        True,
     ),
     "tf_parent": Parameter(
         "beacon",

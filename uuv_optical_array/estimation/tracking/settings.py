@@ -13,17 +13,32 @@ class TrackerSettings:
     velocity_walk_m_per_s: Annotated[
         float,
         Quantity(
-            "standard deviation of the change of the relative velocity in 1 s", "m/s", 1e-4, 10
+            "standard deviation of the change of a velocity in 1 s: the leader's, or, where no "
+            "commands are obeyed, the relative one",
+            "m/s",
+            1e-4,
+            10,
         ),
     ] = 0.1
     turn_walk_deg_per_s: Annotated[
         float,
         Quantity(
-            "standard deviation of the change of the relative turn rate in 1 s", "deg/s", 1e-3, 500
+            "standard deviation of the change of a turn rate in 1 s: the leader's, or, where no "
+            "commands are obeyed, the relative one",
+            "deg/s",
+            1e-3,
+            500,
         ),
     ] = 2.0
     common_share: Annotated[
-        float, Quantity("share of a pose's variance that is common to all frames", "", 0, 0.99)
+        float,
+        Quantity(
+            "least share of a pose's variance that is common to all frames, where the track takes "
+            "poses, as of the sam methods",
+            "",
+            0,
+            0.99,
+        ),
     ] = 0.1
     gate_probability: Annotated[
         float, Quantity("probability that a valid frame passes the gate", "", 0.5, 1)
@@ -45,7 +60,8 @@ class TrackerSettings:
         ),
     ] = 1.0
     buffer_s: Annotated[
-        float, Quantity("largest delay of a frame that still enters the track", "s", 0, 10)
+        float,
+        Quantity("largest time behind the newest frame at which one enters the track", "s", 0, 10),
     ] = 0.5
     constants_hold_s: Annotated[
         float, Quantity("time in which the constants of the sea drift to new values", "s", 60, 1e7)

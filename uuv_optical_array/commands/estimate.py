@@ -3,9 +3,9 @@
 Estimate a pose from every image as feature and estimator node would without IMU and range, with any
 scene and method, and without --track on all cores (`taskset` allows fewer). The command writes a
 folder: frames.csv (a line for each image), bag (MCAP, with relative_pose), relative_pose.tum and,
-if the bag has both odometries, truth.tum. --track also filters the frames in their order, with the follower's commands
-if the bag has any, and adds relative_odometry. Bags without metadata.yaml are read, and so are the
-complete messages of a truncated MCAP file.
+if the bag has both odometries, truth.tum. --track also filters the frames in their order, with the
+follower's commands if the bag has any, and adds relative_odometry. Bags without metadata.yaml are
+read, and so are the complete messages of a truncated MCAP file.
 
   uuv_array estimate sea                                by the default scene, into sea_estimates
   uuv_array estimate sea --scene sea.yaml -o again      by another scene
@@ -49,7 +49,12 @@ from uuv_optical_array.recording.places import LEAST_STD, POSE
 from uuv_optical_array.recording.replay import CHUNK_FRAMES, replay
 from uuv_optical_array.recording.results import write_results
 
-OFFSET = Quantity("offset to add to the stamps of images, as calibrate prints it", "s", -1e6, 1e6)
+OFFSET = Quantity(
+    "offset from the stamp of an image to that of its true pose, as calibrate prints it",
+    "s",
+    -1e6,
+    1e6,
+)
 SETTINGS = bag.READING | light.SETTINGS
 SETTINGS |= {"time_offset_s": Setting(float, OFFSET, 0.0, optional=False)}
 

@@ -95,8 +95,8 @@ class Estimator:
         Largest spectral angle of a match; ``least_squares`` goes by the misfit instead.
     neighbours
         Nearest rows whose spread enters the covariance of the sam methods, and whose mean is the
-        pose of ``sam_interpolated``. On a 13^5 table 64 give a mean normalised squared error near its
-        expectation of 5; fewer are overconfident.
+        pose of ``sam_interpolated``. On a 13^5 table 64 give a mean normalised squared error near
+        its expectation of 5; fewer are overconfident.
     candidates
         Poses of like signature from which ``least_squares`` starts; of one lamp `MOST_STARTS` where
         few detectors are lit, and `RING` at least where all lie in a plane.

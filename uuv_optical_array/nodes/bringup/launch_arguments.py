@@ -25,7 +25,7 @@ COMMON = {
     ),
     "rviz": ("false", "open RViz"),
     "rviz_config": ("", "configuration file of RViz"),
-    "publish_tf": ("", "send poses to /tf; with rviz this is the default"),
+    "publish_tf": ("", "send frames to /tf and /tf_static; with rviz this is the default"),
     "log_level": ("", f"least severity that is logged: {', '.join(LEVELS)}"),
 }
 FOLLOW = {

@@ -174,7 +174,10 @@ SHARED = {
     ),
     "beacon_frame": Parameter(
         BEACON_FRAME,
-        Quantity("frame of the lamp; its axes are NED where the name ends in _ned"),
+        Quantity(
+            "frame of the lamp; its y and z point to starboard and down where the name ends in "
+            "_ned or _frd"
+        ),
         True,
     ),
     "beacon_position_m": Parameter([0.0, 0.0, 0.0], BEACON_POSITION, True),
@@ -185,7 +188,9 @@ SHARED = {
         get_args(Axes),
     ),
     "max_gap_s": Parameter(MAX_GAP_S, MAX_GAP, True),
-    "publish_tf": Parameter(False, Quantity("send frames to /tf; this needs tf2_msgs"), True),
+    "publish_tf": Parameter(
+        False, Quantity("send frames to /tf or /tf_static; this needs tf2_msgs"), True
+    ),
 }
 
 

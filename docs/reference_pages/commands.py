@@ -96,10 +96,10 @@ def commands() -> list[str]:
         "# Commands",
         "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`, in a clone after "
         "`make follow` `.venv/bin/uuv_array COMMAND`; `--help` has examples. Defaults are in "
-        "brackets. The exit "
-        "code is 1 if the result is negative, such as a lost leader, or the work fails, 2 for an "
-        "unusable command line, and 130 after Ctrl-C; a study, except `paper`, then reports what "
-        "it has.",
+        "brackets. The exit code is 1 if the result is negative, such as a lost leader, or the "
+        "work fails, 2 for an unusable command line, and 130 after Ctrl-C; a study, except "
+        "`paper`, then reports what it has. Ctrl-C in the midst of a compiled fit can crash the "
+        "command instead (139).",
         "## Common options",
         option_list({name: of for name, of in common.items() if name not in settings}),
         "By `--set`, of a bag or a table (`calibrate` takes neither commands nor states, `view` "

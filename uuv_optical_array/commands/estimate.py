@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     scene = options.scene_of(args)
     told, offset_s = light.read_light(args, scene, False), dict(args.set)["time_offset_s"]
     if offset_s:
-        told = told._replace(recording=shifted(told.recording, offset_s))
+        told = told._replace(recording=shifted(told.recording, offset_s, posed=False))
     recording = told.recording
     by_layout = told.layout is not None or bool(args.known)
     if by_layout and (args.track or args.method != EstimatorSettings.method):

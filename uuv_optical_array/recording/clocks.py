@@ -10,21 +10,31 @@ from uuv_optical_array.recording.images import Recording
 STEP_S = 0.05  # on either side of a stamp, for the rate of a pose
 
 
-def shifted(recording: Recording, offset_s: float) -> Recording:
+def shifted(recording: Recording, offset_s: float, posed: bool = True) -> Recording:
     """Return the images with their poses at their stamps and an offset, s.
 
-    Images whose pose is not known at that time are left out, and counted. ValueError where none is.
+    Commands are by the clock of the poses, and move with it.
+
+    - posed: leave out, and count, images that lose their pose by it; else these are nan.
+    - ValueError: where all lose it, or the poses are those of a table.
     """
     if recording.poses_at is None:
         raise ValueError("time_offset_s: poses from a table of places have no clock; leave it out")
     poses, rolls = recording.poses_at(_later(recording, offset_s))
-    lost = (np.isnan(poses) & ~np.isnan(recording.poses)).any(axis=1) | np.isnan(rolls)
-    if lost.all():
+    known = ~np.isnan(np.column_stack([recording.poses, recording.rolls]))
+    lost = (np.isnan(np.column_stack([poses, rolls])) & known).any(axis=1)
+    if lost[known.any(axis=1)].all():
         raise ValueError(
             f"time_offset_s: no image has a known pose {offset_s:g} s from its stamp; check both "
             "clocks"
         )
-    moved = dataclasses.replace(recording, poses=poses, rolls=rolls, offset_s=offset_s)
+    back_ns = _in_ns(offset_s)
+    commands = [(stamp - back_ns, linear, turn) for stamp, linear, turn in recording.commands]
+    moved = dataclasses.replace(
+        recording, poses=poses, rolls=rolls, commands=commands, offset_s=offset_s
+    )
+    if not posed:
+        return moved
     return moved.only(~lost, "images without a pose at the offset of the clocks")
 
 
@@ -46,4 +56,8 @@ def rates_of(recording: Recording) -> Recording:
 
 
 def _later(recording: Recording, offset_s: float) -> np.typing.NDArray[np.int64]:
-    return recording.stamps_ns + np.int64(round(offset_s * 1e9))
+    return recording.stamps_ns + np.int64(_in_ns(offset_s))
+
+
+def _in_ns(offset_s: float) -> int:
+    return round(offset_s * 1e9)

@@ -66,8 +66,8 @@ class Sea:
             if k:
                 step_s = self.times_s[k] - self.times_s[k - 1]
                 onward = np.eye(10) + step_s * np.eye(10, k=5)
-                noise = walk_noise(WALK, step_s)
-                state = onward @ state @ onward.T + noise @ noise.T
+                noise = walk_noise(np.diag(np.square(WALK)), step_s)
+                state = onward @ state @ onward.T + noise
                 cross = {i: onward @ each for i, each in cross.items()}
             cross[k] = state
             for i, each in cross.items():

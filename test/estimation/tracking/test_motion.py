@@ -22,9 +22,9 @@ ALONG = np.array([0.5, 0.1, -0.2, 0.03, -0.05])
 
 @given(st.floats(0, 3), st.lists(st.floats(0, 10), min_size=5, max_size=5))
 def test_the_noise_of_a_step_is_van_loans(step_s, walk):
-    root = walk_noise(np.array(walk), step_s)
-    _, expected = van_loan(step_s, np.diag(np.square(walk)))
-    np.testing.assert_allclose(root @ root.T, expected, rtol=1e-9, atol=1e-12)
+    covariance = np.diag(np.square(walk))
+    _, expected = van_loan(step_s, covariance)
+    np.testing.assert_allclose(walk_noise(covariance, step_s), expected, rtol=1e-9, atol=1e-12)
 
 
 @given(st.lists(st.floats(-3, 3), min_size=10, max_size=10))

@@ -19,7 +19,7 @@ with the first readings.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -222,28 +222,21 @@ class FrameFilter:
         if event == "jump":
             belief = self._space.forgotten(belief)
         mean, covariance = belief.mean, belief.covariance
+        if event == "manoeuvre":
+            covariance[RATE, RATE] += np.diag(np.square(MANOEUVRE_STD))
+        if obeys != (state.own_motion == "told"):
+            # The rate of a leader whose follower obeys is not that of the relative motion.
+            covariance[RATE, RATE] += np.diag(np.square(RATE_STD))
         # F x and F P F', where F adds step * rate to the pose.
         mean[POSE] += step_s * mean[RATE]
         covariance[POSE] += step_s * covariance[RATE]
         covariance[:, POSE] += step_s * covariance[:, RATE]
-        walk = walk_noise(self.walk, step_s)
-        if obeys:  # the rate is the leader's
-            walk = (swing(before.mean[POSE]) @ walk.reshape(2, 5, 10)).reshape(10, 10)
-        noise = np.hstack(
-            [walk, *self._jumps(step_s, event, obeys != (state.own_motion == "told"))]
-        )
-        covariance[:STATE, :STATE] += noise @ noise.T
+        leader = swing(before.mean[POSE]) if obeys else np.eye(5)
+        walk = leader @ np.diag(np.square(self.walk)) @ leader.T
+        covariance[:STATE, :STATE] += walk_noise(walk, step_s)
         # The attitude's error turns the own motion by so little that the random motion covers it.
         if obeys:
             own = self._own_motion.displacement(start_ns, stamp_ns)
             mean[POSE] += in_beacon(before.mean[POSE], own)
         wrapped(mean[POSE])
         return belief
-
-    def _jumps(self, step_s: float, event: Event, another: bool) -> Iterator[Array]:
-        """Yield roots of the noise of a manoeuvre, and where it is another rate.
-
-        The rate of a leader whose follower obeys is not that of the relative motion.
-        """
-        for std in [MANOEUVRE_STD] * (event == "manoeuvre") + [RATE_STD] * another:
-            yield step_s * np.eye(10, 5) * std + np.eye(10, 5, -5) * std

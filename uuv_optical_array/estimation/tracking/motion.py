@@ -4,7 +4,6 @@ The random part is white-noise acceleration (Y. Bar-Shalom, X.-R. Li and T. Kiru
 *Estimation with Applications to Tracking and Navigation*, 2001, ch. 6).
 """
 
-import math
 from bisect import bisect_left, bisect_right
 
 import numpy as np
@@ -20,17 +19,13 @@ MAX_RATE = MAX_TWIST[:5]  # of surge, sway, heave, pitch and yaw rate
 
 
 def walk_noise(walk: Array, step_s: float) -> Array:
-    """Return a root of the covariance that a random walk of the rate adds to pose and rate.
+    """Return the covariance that a random walk of the rate adds to pose and rate, ``(10, 10)``.
 
-    - walk: standard deviations of the change of the rate in 1 s, m/s and rad/s, shape ``(5,)``.
+    - walk: covariance of the change of the rate in 1 s, m/s and rad/s, shape ``(5, 5)``.
     - step_s: length of the step, s, >= 0.
-    - returned: shape ``(10, 10)``: five rows of the pose, five of its rate.
     """
-    noise, pose, rate = np.zeros((10, 10)), np.arange(5), np.arange(5, 10)
-    # A root of [step^3 / 3, step^2 / 2; step^2 / 2, step].
-    noise[pose, pose], noise[rate, pose] = step_s / math.sqrt(3) * walk, math.sqrt(3) / 2 * walk
-    noise[rate, rate] = walk / 2
-    return math.sqrt(step_s) * noise
+    by_time = np.array([[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]])
+    return np.einsum("ij,kl->ikjl", by_time, walk).reshape(10, 10)
 
 
 def swing(pose: Array) -> Array:

@@ -63,21 +63,14 @@ class Belief(NamedTuple):
     frames: int = 0
 
 
-class Learnt(NamedTuple):
-    """Mean and covariance of the errors of constants and gains, in stds of their prior."""
-
-    mean: Array
-    covariance: Array
-
-
 class BiasSpace:
     """Which bias is what, and how biases drift.
 
-    - constants, gains: places of the errors among those that are learnt, `learnt` in all.
-    - stds: what one is of each, in its own unit, shape ``(learnt,)``.
+    - constants, gains: places of the errors among those that are learnt, `count` in all.
+    - stds: what one is of each, in its own unit, shape ``(count,)``.
     - range: place of the bias of ranges among all, `size` in all.
-    - parts: the errors by the biases, shape ``(learnt, size)``.
-    - by_state: pose and errors by pose, rate and biases, shape ``(5 + learnt, 10 + size)``.
+    - parts: the errors by the biases, shape ``(count, size)``.
+    - by_state: pose and errors by pose, rate and biases, shape ``(5 + count, 10 + size)``.
     - blocks: gain errors of detectors by those that are learnt, shape ``(detectors, blocks)``.
     """
 
@@ -86,7 +79,7 @@ class BiasSpace:
         self.blocks = _blocks(round(c.detectors**0.5)) if c.gain_std > 0 else np.zeros((0, 0))
         gains, gain_stds = self.blocks.shape[1], c.gain_std / np.sqrt(self.blocks.sum(axis=0))
         self.constants, self.gains = slice(0, q), slice(q, q + gains)
-        self.learnt = n = q + gains
+        self.count = n = q + gains
         self.stds = np.array([*c.stds, *gain_stds])
         self.range = n + gains
         self.size = self.range + 1
@@ -122,12 +115,11 @@ class BiasSpace:
         covariance[of, of] = 1.0
         return belief._replace(mean=mean, covariance=covariance, rows=0.0, frames=0)
 
-    def errors(self, belief: Belief) -> Learnt:
-        """Return what is known of constants and gains."""
-        parts = self.parts
-        return Learnt(
-            parts @ belief.mean[STATE:], parts @ belief.covariance[STATE:, STATE:] @ parts.T
-        )
+    def learnt(self, belief: Belief) -> tuple[Array, Array]:
+        """Return means and standard deviations of constants and gains, in their own units."""
+        rows = self.parts @ belief.covariance[STATE:, STATE:]
+        variances = np.einsum("ij,ij->i", rows, self.parts)
+        return self.stds * (self.parts @ belief.mean[STATE:]), self.stds * np.sqrt(variances)
 
     def offsets(self, belief: Belief) -> Array:
         """Return the constants' offsets in their own units, shape ``(q,)``.
@@ -146,10 +138,10 @@ class BiasSpace:
         - slopes: by pose and constants, in any coordinates, shape ``(..., n, 5 + q)``.
         - modes: root of the covariance of more noise, counts, shape ``(..., n, k)``.
         - returned: slopes by the pose and by what is learnt, residuals last, shape
-          ``(..., n, 5 + learnt + 1)``.
+          ``(..., n, 5 + count + 1)``.
         """
         white = 1 / np.sqrt(readings.variances)  # a reading of infinite variance says nothing
-        whole, own = np.empty((*white.shape, 5 + self.learnt + 1)), len(self._units)
+        whole, own = np.empty((*white.shape, 5 + self.count + 1)), len(self._units)
         light = (white * readings.light)[..., None]
         whole[..., :own] = white[..., None] * (slopes * self._units)
         whole[..., own:-1] = light * self._by_gains

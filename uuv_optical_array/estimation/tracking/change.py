@@ -81,7 +81,7 @@ class Changes:
         """Return the likeliest change; None if there are too few frames, or not finite ones.
 
         - directions: of what may have changed, in biases, constants before gains, shape
-          ``(learnt or more, k)``.
+          ``(count or more, k)``.
         - std: of such changes, in standard deviations of the prior.
         - odds: that it changed in a frame, to that nothing did, shape ``(k,)``.
         """
@@ -112,7 +112,7 @@ class Changes:
         basis = np.linalg.qr(np.vstack([root, np.eye(root.shape[1])]))[0][: y.size]
         basis = basis.reshape(*y.shape, -1)
         white = y - basis @ np.einsum("tnb,tn->b", basis, y)
-        changed = by_biases @ directions[: self._space.learnt]
+        changed = by_biases @ directions[: self._space.count]
         parts = (
             np.einsum("tnk,tn->tk", changed, white),
             np.square(changed).sum(axis=1),

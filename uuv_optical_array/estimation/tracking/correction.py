@@ -280,7 +280,7 @@ class Correction:
 
     def _explained(self, belief: Belief, turned: Observation) -> bool:
         """Say whether readings agree with the biases, whatever the pose."""
-        others = slice(5, 5 + self._space.learnt)
+        others = slice(5, 5 + self._space.count)
         of_biases = Observation(turned.innovation[others], turned.slopes[others])
         count = len(of_biases.innovation)
         if not count:

@@ -168,17 +168,16 @@ class Tracker:
         newest = self._history[-1]
         stamp_ns, belief = newest.frame.stamp_ns, newest.corrected()
         mean, joint = belief.mean[:STATE], belief.covariance[:STATE, :STATE].copy()
-        errors, stds = self._space.errors(belief), self._space.stds
-        offsets = self._space.offsets(belief)
-        known = stds * np.sqrt(errors.covariance.diagonal())
-        learnt = map(Learnt, offsets.tolist(), known.tolist())
+        means, stds = self._space.learnt(belief)
+        learnt = map(Learnt, means.tolist(), stds.tolist())
         obeys = newest.own_motion != "contradicted"
         own_motion = self._filter.own_motion_at(stamp_ns, obeys)
         own = self._own_motion.twist(stamp_ns) if own_motion == "told" else np.zeros(5)
         joint[POSE, POSE] += self._filter.common_covariance(newest)
         joint[POSE, POSE] += self._filter.bent_covariance(newest, belief)
         if stamp_ns != self._tested_ns:
-            self._test(stamp_ns, np.concatenate([mean[POSE], offsets]), newest.frame)
+            at = np.concatenate([mean[POSE], means[self._space.constants]])
+            self._test(stamp_ns, at, newest.frame)
         return Track(
             stamp_ns,
             mean[POSE].copy(),
@@ -187,7 +186,7 @@ class Tracker:
             newest.frames,
             newest.distance,
             dict(zip(self._constants.names, learnt, strict=False)),
-            self._space.blocks @ (stds * errors.mean)[self._space.gains],
+            self._space.blocks @ means[self._space.gains],
             own_motion,
             self._alarm.said,
             self._turn(belief),

@@ -11,6 +11,7 @@ from uuv_optical_array.estimation.tracking.belief import (
     BiasSpace,
     Observation,
     correct,
+    cost,
     weigh,
 )
 from uuv_optical_array.estimation.unknowns.constants import Constants
@@ -56,11 +57,12 @@ def test_a_correction_is_a_kalman_filter_s_and_considers_biases_as_schmidt_has_i
 def test_innovations_have_their_density_and_shift_the_mean_as_least_squares(of):
     belief, observation = of
     spread = observation.slopes @ belief.covariance @ observation.slopes.T + np.eye(5)
-    distance, cost, shift = weigh(belief.covariance, observation)
+    distance, shift = weigh(belief.covariance, observation)
     square = observation.innovation @ np.linalg.solve(spread, observation.innovation)
     assert distance**2 == pytest.approx(square, rel=1e-8)
     density = multivariate_normal(np.zeros(5), spread).logpdf(observation.innovation)
-    assert cost == pytest.approx(-2 * density - 5 * np.log(2 * np.pi), abs=1e-6)
+    found = cost(belief.covariance, observation)
+    assert found == pytest.approx(-2 * density - 5 * np.log(2 * np.pi), abs=1e-6)
     # The least squares of observation and prior, by the prior's root.
     root = np.linalg.cholesky(belief.covariance)
     rows = np.vstack([observation.slopes @ root, np.eye(len(root))])

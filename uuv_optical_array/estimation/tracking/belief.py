@@ -174,19 +174,6 @@ class Observation(NamedTuple):
     slopes: Array
 
 
-class Weight(NamedTuple):
-    """How an observation is weighed by a belief.
-
-    - distance: Mahalanobis distance of the innovation.
-    - cost: twice the negative log-likelihood of the innovation, up to a constant.
-    - shift: what it adds to the mean of pose, rate and biases, shape ``(10 + k,)``.
-    """
-
-    distance: float
-    cost: float
-    shift: Array
-
-
 def _expected(covariance: Array, slopes: Array) -> tuple[Array, Array]:
     """Return ``P H'`` and the lower root of the innovation's covariance ``H P H' + I``."""
     cross = covariance @ slopes.T
@@ -195,14 +182,18 @@ def _expected(covariance: Array, slopes: Array) -> tuple[Array, Array]:
     return cross, lapack.dpotrf(spread, lower=1)[0]
 
 
-def weigh(covariance: Array, observation: Observation) -> Weight:
-    """Return distance, density and Kalman's correction by an observation of a belief."""
-    innovation, slopes = observation
-    cross, root = _expected(covariance, slopes)
-    white, _ = lapack.dtrtrs(root, innovation, lower=1)
-    square, back = float(white @ white), lapack.dtrtrs(root, white, lower=1, trans=1)[0]
-    cost = square + 2 * float(np.log(root.diagonal()).sum())
-    return Weight(math.sqrt(square), cost, cross @ back)
+def weigh(covariance: Array, observation: Observation) -> tuple[float, Array]:
+    """Return an innovation's Mahalanobis distance by a belief, and Kalman's shift of the mean."""
+    cross, root = _expected(covariance, observation.slopes)
+    white, _ = lapack.dtrtrs(root, observation.innovation, lower=1)
+    return math.sqrt(white @ white), cross @ lapack.dtrtrs(root, white, lower=1, trans=1)[0]
+
+
+def cost(covariance: Array, observation: Observation) -> float:
+    """Return twice the negative log-likelihood of an innovation, up to a constant."""
+    _, root = _expected(covariance, observation.slopes)
+    white, _ = lapack.dtrtrs(root, observation.innovation, lower=1)
+    return float(white @ white + 2 * np.log(root.diagonal()).sum())
 
 
 def correct(belief: Belief, observation: Observation, teach: bool = True) -> Belief:

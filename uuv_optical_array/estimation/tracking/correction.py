@@ -35,6 +35,7 @@ from uuv_optical_array.estimation.tracking.belief import (
     BiasSpace,
     Observation,
     correct,
+    cost,
     weigh,
 )
 from uuv_optical_array.estimation.tracking.measurement import Measurement, checked_readings
@@ -80,7 +81,7 @@ class Deferred:
 
 
 class Corrected(NamedTuple):
-    """A belief corrected by a frame, and distance and cost of the frame as `weigh` returns them.
+    """A belief corrected by a frame, and the frame's distance, and its `cost`.
 
     The cost is computed for few frames only, as it needs all of their readings.
     """
@@ -129,8 +130,8 @@ class Correction:
         if readings is None:
             observation = self._of_pose(belief, frame, step_s)
             corrected = Deferred(lambda: correct(belief, observation))
-            weight = weigh(belief.covariance, observation)
-            return Corrected(corrected, weight.distance, lambda: weight.cost)
+            distance, _ = weigh(belief.covariance, observation)
+            return Corrected(corrected, distance, lambda: cost(belief.covariance, observation))
         result = self._by_readings(belief, frame, readings)
         distance = max(result.distance, pose_distance(belief, frame))
         return result._replace(distance=distance)
@@ -204,10 +205,10 @@ class Correction:
         whole = stacked(readings)
         # Only this part of the readings depends on the pose, and the gate needs no more.
         of_pose = self._observation(orthonormal(whole[:, :5]).T @ whole)
-        distance, _, shift = weigh(before.covariance, of_pose)
+        distance, shift = weigh(before.covariance, of_pose)
 
-        def cost() -> float:
-            return weigh(before.covariance, self._observation(triangular_factor(whole))).cost
+        def cost_of_all() -> float:
+            return cost(before.covariance, self._observation(triangular_factor(whole)))
 
         def finished() -> Belief:
             used = whole
@@ -226,7 +227,7 @@ class Correction:
             of_pose = Observation(left[:5], turned.slopes[:5])
             return self._curved(correct(taught, of_pose, teach=False))._replace(unlike=0)
 
-        return Corrected(Deferred(finished), distance, cost)
+        return Corrected(Deferred(finished), distance, cost_of_all)
 
     def _taught(self, belief: Belief, rows: Array, stamp_ns: int) -> Belief:
         """Return a belief whose biases are taught, where that is due, by frames up to this one."""
@@ -285,7 +286,8 @@ class Correction:
         count = len(of_biases.innovation)
         if not count:
             return True
-        return weigh(belief.covariance, of_biases).distance ** 2 <= chdtri(count, UNLIKE)
+        distance, _ = weigh(belief.covariance, of_biases)
+        return distance**2 <= chdtri(count, UNLIKE)
 
     def _straight(self, belief: Belief) -> Belief:
         """Return a belief with the pose in straight coordinates."""

@@ -18,7 +18,6 @@ that all frames have in common, which stays out of the belief; poses in uneven l
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +37,7 @@ from uuv_optical_array.estimation.tracking.belief import (
     cost,
     weigh,
 )
-from uuv_optical_array.estimation.tracking.measurement import Measurement, checked_readings
+from uuv_optical_array.estimation.tracking.measurement import Measurement
 from uuv_optical_array.estimation.tracking.ranges import ALIKE_S
 from uuv_optical_array.estimation.tracking.second_order import SecondOrder, second_order
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
@@ -110,11 +109,8 @@ class Correction:
         """Return a frame's readings, linear about its fit, or else where the belief expects it."""
         if not frame.bent:
             return frame.readings
-        assert frame.relinearise is not None
         at = np.concatenate([belief.mean[POSE], self._space.offsets(belief)])
-        with suppress(ValueError):  # not finite there
-            return checked_readings(frame.relinearise(at), self._constants)
-        return None
+        return frame.near(at, self._constants)
 
     def correct(
         self,
@@ -158,10 +154,8 @@ class Correction:
         mean, covariance = belief.mean.copy(), belief.covariance.copy()
         if frame.readings is not None:
             mean[POSE] = frame.readings.at[:5]
-            # Linear at their best fit: far from it, as at the prior's constants, they mislead.
-            as_fitted = frame._replace(relinearise=None)
-            begun = self._by_readings(belief._replace(mean=mean), as_fitted, frame.readings, True)
-            return begun.belief()
+            begun = belief._replace(mean=mean)
+            return self._by_readings(begun, frame, frame.readings, begins=True).belief()
         root = self._white_root(frame, math.inf)
         mean[POSE], covariance[POSE, POSE] = frame.pose, root @ root.T
         return belief._replace(mean=mean, covariance=covariance)
@@ -190,34 +184,28 @@ class Correction:
     ) -> Corrected:
         """Weigh a frame by its readings; the belief that they correct is left for later.
 
-        One that `begins` a track is accepted, as its fit was.
+        One that `begins` a track is accepted, as its fit was, and stays linear at that: far from
+        it, as at the prior's constants, readings mislead.
         """
-        before, coordinates = self._straight(belief), self._coordinates
-        expected, constants = before.mean[POSE], self._space.offsets(belief)
-        bend = self._bend(before, constants, frame) if frame.bent else None
-
-        def stacked(readings: LinearisedReadings) -> Array:
-            at = coordinates.of(readings.at)
-            slopes = readings.slopes @ coordinates.place(at)[1]
-            off = coordinates.difference(np.concatenate([expected, constants]), at)
-            return self._stacked(readings, slopes, off, before, bend)
-
-        whole = stacked(readings)
+        before = self._straight(belief)
+        expected = np.concatenate([before.mean[POSE], self._space.offsets(belief)])
+        bend = self._bend(before, expected, frame) if frame.bent else None
+        rows = self._rows(before, expected, bend, readings)
         # Only this part of the readings depends on the pose, and the gate needs no more.
-        of_pose = self._observation(orthonormal(whole[:, :5]).T @ whole)
+        of_pose = self._observation(orthonormal(rows[:, :5]).T @ rows)
         distance, shift = weigh(before.covariance, of_pose)
 
         def cost_of_all() -> float:
-            return cost(before.covariance, self._observation(triangular_factor(whole)))
+            return cost(before.covariance, self._observation(triangular_factor(rows)))
 
         def finished() -> Belief:
-            used = whole
+            used = rows
             # A frame beyond the gate is not of this track, wherever it is linearised.
-            if frame.relinearise and distance <= self._gate:
-                at = np.concatenate([expected + RELINEARISE_AT * shift[POSE], constants])
-                with suppress(ValueError):  # not finite there
-                    near = frame.relinearise(coordinates.place(at)[0])
-                    used = stacked(checked_readings(near, self._constants))
+            if frame.relinearise and not begins and distance <= self._gate:
+                further = expected.copy()
+                further[POSE] += RELINEARISE_AT * shift[POSE]
+                near = frame.near(self._coordinates.place(further)[0], self._constants)
+                used = rows if near is None else self._rows(before, expected, bend, near)
             # Turned so that each number depends on one error fewer than the one before it.
             turned = self._observation(triangular_factor(used))
             if not (begins or self._explained(before, turned)):
@@ -239,44 +227,46 @@ class Correction:
         taught = correct(belief, Observation(innovation[5:], slopes[5:]))
         return taught._replace(taught_ns=stamp_ns, rows=0.0, frames=0)
 
-    def _bend(self, straight: Belief, constants: Array, frame: Measurement) -> SecondOrder | None:
+    def _bend(self, straight: Belief, expected: Array, frame: Measurement) -> SecondOrder | None:
         """Return how the light of a frame bends over a belief; None where that is not finite."""
         relinearise = frame.relinearise
         assert relinearise is not None
 
         def slopes_at(pose: Array) -> Array:
-            place, by = self._coordinates.place(np.concatenate([pose, constants]))
+            place, by = self._coordinates.place(np.concatenate([pose, expected[5:]]))
             return relinearise(place).slopes @ by[:, POSE]
 
         with np.errstate(over="ignore", invalid="ignore"):
             bend = second_order(slopes_at, straight.mean[POSE], straight.covariance[POSE, POSE])
         return bend if np.isfinite(bend.modes).all() else None
 
-    def _stacked(
+    def _rows(
         self,
-        readings: LinearisedReadings,
-        slopes: Array,
-        off: Array,
-        before: Belief,
+        straight: Belief,
+        expected: Array,
         bend: SecondOrder | None,
+        readings: LinearisedReadings,
     ) -> Array:
-        """Return what `BiasSpace.whitened` does, with the innovation instead of residuals.
+        """Return slopes and innovations of readings, as `BiasSpace.whitened` has the residuals.
 
-        - slopes, off: by coordinates of pose and constants, and how far these are off.
+        - straight, expected: the belief, and its pose and constants, in straight coordinates.
         - bend: of the light; ``None``: it is linear.
         """
         space, of, modes = self._space, self._space.constants, None
         if bend is not None:
             readings = readings._replace(residuals=readings.residuals - bend.shift)
             modes = bend.modes
+        at = self._coordinates.of(readings.at)
+        slopes = readings.slopes @ self._coordinates.place(at)[1]
         whole = space.whitened(readings, slopes, modes)
-        errors = space.parts @ before.mean[STATE:]
+        off = self._coordinates.difference(expected, at)
+        errors = space.parts @ straight.mean[STATE:]
         errors[of] = off[5:] / space.stds[of]
         whole[:, -1] -= whole[:, :-1] @ np.concatenate([off[:5], errors])
         return whole
 
     def _observation(self, turned: Array) -> Observation:
-        """Return what readings say, by combinations of the rows of `_stacked`."""
+        """Return what readings say, by combinations of their `_rows`."""
         return Observation(turned[:, -1], turned[:, :-1] @ self._space.by_state)
 
     def _explained(self, belief: Belief, turned: Observation) -> bool:

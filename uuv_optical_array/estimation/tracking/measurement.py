@@ -44,6 +44,14 @@ class Measurement(NamedTuple):
         """Whether its readings are far from linear over what the image leaves of the pose."""
         return self.readings is None and self.relinearise is not None
 
+    def near(self, at: Array, constants: Constants) -> LinearisedReadings | None:
+        """Return what `relinearise` does near a place; ``None`` where that is not finite."""
+        assert self.relinearise is not None
+        try:
+            return checked_readings(self.relinearise(at), constants)
+        except ValueError:
+            return None
+
 
 def checked_pose(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
     """Return copies of a pose, its yaw in [-pi, pi], and of the lower root of its covariance.

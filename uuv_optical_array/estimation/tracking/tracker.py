@@ -16,7 +16,6 @@ its prior.
 
 import math
 from bisect import bisect_left
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -215,8 +214,7 @@ class Tracker:
                 way = in_beacon(at[POSE], self._own_motion.displacement(since_ns, stamp_ns))
             self._changes.add(stamp_ns, way, at[POSE], frame.relinearise)
             if not frame.bent:  # what lasts in those may be the error of the place
-                with suppress(ValueError):  # not finite there
-                    near = checked_readings(frame.relinearise(at), self._constants)
+                near = frame.near(at, self._constants)
         self._alarm.add(stamp_ns, frame.uneven, near)
 
     def _turn(self, belief: Belief) -> Array | None:

@@ -5,6 +5,7 @@ The random part is white-noise acceleration (Y. Bar-Shalom, X.-R. Li and T. Kiru
 """
 
 from bisect import bisect_left, bisect_right
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,7 @@ from uuv_optical_array.core.messages import MAX_TWIST
 LONG_AGO_NS = -(2**62)  # before any stamp
 # Of a rate that is not known, m/s and rad/s: as at the start of a track.
 RATE_STD = np.array([0.5, 0.5, 0.5, 0.1, 0.1])
+STAMP = itemgetter(0)  # of a command
 MAX_RATE = MAX_TWIST[:5]  # of surge, sway, heave, pitch and yaw rate
 
 
@@ -62,7 +64,7 @@ class OwnMotion:
     def command(self, stamp_ns: int, twist: ArrayLike) -> None:
         """Add a command as `Tracker.command` does, errors included; it replaces later ones."""
         twist = checked_rate("twist", twist)
-        del self._commands[bisect_left(self._commands, stamp_ns, key=_stamp) :]
+        del self._commands[bisect_left(self._commands, stamp_ns, key=STAMP) :]
         self._commands.append((stamp_ns, twist))
 
     def forget(self, before_ns: int) -> None:
@@ -82,17 +84,13 @@ class OwnMotion:
         if len(self._commands) == 1:
             return (end_ns - start_ns) * 1e-9 * self._commands[0][1]
         first = self._holding(start_ns)
-        last = bisect_left(self._commands, end_ns, lo=first + 1, key=_stamp)
+        last = bisect_left(self._commands, end_ns, lo=first + 1, key=STAMP)
         stamps, twists = zip(*self._commands[first:last], strict=True)
         edges = np.array([0, *(stamp - start_ns for stamp in stamps[1:]), end_ns - start_ns])
         return np.diff(edges) * 1e-9 @ np.array(twists)
 
     def _holding(self, stamp_ns: int) -> int:
-        return max(bisect_right(self._commands, stamp_ns, key=_stamp) - 1, 0)
-
-
-def _stamp(command: tuple[int, Array]) -> int:
-    return command[0]
+        return max(bisect_right(self._commands, stamp_ns, key=STAMP) - 1, 0)
 
 
 def in_beacon(pose: Array, twist: Array) -> Array:

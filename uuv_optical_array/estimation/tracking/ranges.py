@@ -11,9 +11,11 @@ correlated between ranges in quick succession: one counts by the time since the 
 
 import math
 from bisect import bisect_left, bisect_right
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import chdtri
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.tracking.belief import (
@@ -31,6 +33,7 @@ LEAST_M, MAX_RANGE_M, MAX_STD_M = 1e-3, 1e4, 1e3
 COMMON = 0.5  # of a range's variance
 ALIKE_S = 10.0  # ranges within that count as one
 MOST_BEFORE_NS = 500_000_000  # of its frame; the motion in between is that at the frame
+STAMP = attrgetter("stamp_ns")
 
 
 class Range(NamedTuple):
@@ -51,11 +54,12 @@ def checked_range(stamp_ns: int, range_m: float, std_m: float) -> Range:
 
 
 class Ranges:
-    """Ranges that wait for their frames, or that late frames may need, in order of stamps."""
+    """Keeps ranges for their frames, and for late ones, and corrects beliefs by them."""
 
-    def __init__(self, settings: TrackerSettings) -> None:
-        self._settings = settings
-        self._ranges: list[Range] = []
+    def __init__(self, settings: TrackerSettings, space: BiasSpace) -> None:
+        self._settings, self._space = settings, space
+        self._gate = math.sqrt(chdtri(1, 1 - settings.gate_probability))
+        self._ranges: list[Range] = []  # in order of stamps
 
     def add(self, measured: Range, newest_ns: int | None) -> None:
         """Take a range while the newest frame has that stamp; refused as by `Tracker.range`."""
@@ -75,7 +79,7 @@ class Ranges:
                 f"reset_after_s {s.reset_after_s:g}",
                 newest_ns,
             )
-        place = bisect_left(self._ranges, stamp_ns, key=_stamp)
+        place = bisect_left(self._ranges, stamp_ns, key=STAMP)
         if self._ranges[place:] and self._ranges[place].stamp_ns == stamp_ns:
             raise StampRefused(f"repeated range: {stamp_ns} ns is that of another", newest_ns)
         self._ranges.insert(place, measured)
@@ -83,7 +87,7 @@ class Ranges:
     def between(self, before_ns: int | None, stamp_ns: int) -> list[Range]:
         """Return those of a frame's stamp or shortly before, but after the frame before it."""
         since_ns = max(stamp_ns - MOST_BEFORE_NS, LONG_AGO_NS if before_ns is None else before_ns)
-        first, end = (bisect_right(self._ranges, at, key=_stamp) for at in (since_ns, stamp_ns))
+        first, end = (bisect_right(self._ranges, at, key=STAMP) for at in (since_ns, stamp_ns))
         return self._ranges[first:end]
 
     def forget(self, newest_ns: int) -> None:
@@ -92,20 +96,6 @@ class Ranges:
         first_ns = newest_ns - round(s.buffer_s * 1e9) - MOST_BEFORE_NS
         last_ns = newest_ns + round(s.reset_after_s * 1e9)
         self._ranges = [each for each in self._ranges if first_ns <= each.stamp_ns <= last_ns]
-
-
-def _stamp(measured: Range) -> int:
-    return measured.stamp_ns
-
-
-class Ranging:
-    """Corrects beliefs by ranges, of which the gate lets so many standard deviations pass.
-
-    - most_refused: in a row, until what older ones taught is forgotten.
-    """
-
-    def __init__(self, space: BiasSpace, gate: float, most_refused: int) -> None:
-        self._space, self._gate, self._most_refused = space, gate, most_refused
 
     def correct(
         self, belief: Belief, measured: Range, stamp_ns: int, own_way: Array, common: Array
@@ -131,7 +121,7 @@ class Ranging:
         use = RangeUse(measured.stamp_ns, off, std, 0)
         if abs(off) > self._gate * std:
             refused = 1 if belief.range is None else 1 + belief.range.refused
-            if refused % self._most_refused == 0:  # those before may be what is wrong
+            if refused % self._settings.reacquire_frames == 0:  # older ones may be what is wrong
                 belief = self._space.forgotten(belief)
             return belief._replace(range=use._replace(refused=refused))
         said = Observation(np.array([off]) / math.sqrt(noise), slopes[None] / math.sqrt(noise))

@@ -14,14 +14,13 @@ without, the rate is that of the whole relative motion. Where commands begin or 
 its prior.
 """
 
-import math
 from bisect import bisect_left
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtri
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
@@ -38,7 +37,7 @@ from uuv_optical_array.estimation.tracking.measurement import (
 )
 from uuv_optical_array.estimation.tracking.mismatch import Alarm
 from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS, OwnMotion, in_beacon
-from uuv_optical_array.estimation.tracking.ranges import Ranges, Ranging, checked_range
+from uuv_optical_array.estimation.tracking.ranges import Ranges, checked_range
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import (
     POSE,
@@ -50,6 +49,8 @@ from uuv_optical_array.estimation.tracking.track import (
 )
 from uuv_optical_array.estimation.unknowns.constants import Constants, drift
 from uuv_optical_array.forward.prior import ROLL
+
+STAMP = attrgetter("newest.stamp_ns")  # of a state
 
 
 class Tracker:
@@ -69,9 +70,7 @@ class Tracker:
         self._buffer_ns, self._reset_ns = (round(t * 1e9) for t in (s.buffer_s, s.reset_after_s))
         self._space = BiasSpace(c, s.constants_hold_s)
         self._filter = FrameFilter(s, c, self._space, self._own_motion)
-        self._ranges = Ranges(s)
-        range_gate = math.sqrt(chdtri(1, 1 - s.gate_probability))
-        self._ranging = Ranging(self._space, range_gate, s.reacquire_frames)
+        self._ranges = Ranges(s, self._space)
         self._changes = Changes(self._space, self._filter.walk)
         self._alarm = Alarm(c, self._changes)
 
@@ -122,7 +121,7 @@ class Tracker:
         frame = Measurement(
             stamp_ns, *checked_pose(pose, covariance), readings, relinearise, shaded
         )
-        newest_ns = _stamp(history[-1]) if history else stamp_ns
+        newest_ns = history[-1].newest.stamp_ns if history else stamp_ns
         age_ns = newest_ns - stamp_ns
         if age_ns > self._buffer_ns + self._reset_ns:
             history, previous = [], history[-1]
@@ -132,14 +131,14 @@ class Tracker:
                 f"buffer_s {s.buffer_s:g}",
                 newest_ns,
             )
-        place = bisect_left(history, stamp_ns, key=_stamp)
-        if history[place:] and _stamp(history[place]) == stamp_ns:
+        place = bisect_left(history, stamp_ns, key=STAMP)
+        if history[place:] and history[place].newest.stamp_ns == stamp_ns:
             raise StampRefused(f"repeated stamp: {stamp_ns} ns is in the track already", newest_ns)
         history = self._replay(history, place, previous, frame)
         if distance := history[place].outlier:
             gate = self._filter.gate
             raise Outlier(f"outlier: {distance:.3g} standard deviations off, more than {gate:.3g}")
-        return _stamp(history[-1])
+        return history[-1].newest.stamp_ns
 
     def range(self, stamp_ns: int, range_m: float, std_m: float) -> None:
         """Take a range from elsewhere; it enters with the first frame that is not older.
@@ -154,9 +153,9 @@ class Tracker:
           ``reset_after_s`` newer than the newest frame.
         - ValueError: for numbers out of bounds.
         """
-        newest_ns = _stamp(self._history[-1]) if self._history else None
+        newest_ns = self._history[-1].newest.stamp_ns if self._history else None
         self._ranges.add(checked_range(stamp_ns, range_m, std_m), newest_ns)
-        place = bisect_left(self._history, stamp_ns, key=_stamp)
+        place = bisect_left(self._history, stamp_ns, key=STAMP)
         if place < len(self._history):
             self._replay(self._history, place, self._previous)
 
@@ -237,8 +236,8 @@ class Tracker:
             else:
                 state = self._filter.begun(frame, previous)
             history.append(self._ranged(state, before))
-        newest_ns = _stamp(history[-1])
-        oldest = bisect_left(history, newest_ns - self._buffer_ns, key=_stamp)
+        newest_ns = history[-1].newest.stamp_ns
+        oldest = bisect_left(history, newest_ns - self._buffer_ns, key=STAMP)
         self._history, self._previous = history[max(oldest - 1, 0) :], previous
         self._ranges.forget(newest_ns)
         return history
@@ -258,11 +257,7 @@ class Tracker:
                 if state.own_motion == "told":
                     own = self._own_motion.displacement(each.stamp_ns, frame.stamp_ns)
                 way = in_beacon(belief.mean[POSE], own)[:3]
-                belief = self._ranging.correct(belief, each, frame.stamp_ns, way, common)
+                belief = self._ranges.correct(belief, each, frame.stamp_ns, way, common)
             return belief
 
         return replace(state, corrected=Deferred(ranged))
-
-
-def _stamp(state: State) -> int:
-    return state.newest.stamp_ns

@@ -135,24 +135,17 @@ class Pipeline:
             )
         if self.tracker is not None:
             frame = stamp_ns, estimate.pose, estimate.covariance
-            if estimate.readings is None or image is None:
+            if image is None or estimate.readings is None or estimate.believed is None:
                 newest = self.tracker.take(*frame, shaded=1 - estimate.clear)
             else:
-                used = self._trusted(stamp_ns, estimate)
+                trust = self._doubted.trust(stamp_ns, estimate.believed)
+                used = estimate._replace(believed=trust * estimate.believed)
                 near = self.estimator.lineariser(used, image, roll)
-                readings = None if used.bent else used.readings
+                readings = None if estimate.bent else estimate.readings.believed(trust)
                 newest = self.tracker.take(*frame, readings, near)
             if newest != stamp_ns:
                 raise NoPose("late frame: the track used it, but a newer pose was published")
         return estimate
-
-    def _trusted(self, stamp_ns: int, estimate: Estimate) -> Estimate:
-        """Return an estimate whose readings are believed as far as those of the images before."""
-        if estimate.readings is None or estimate.believed is None:
-            return estimate
-        trust = self._doubted.trust(stamp_ns, estimate.believed)
-        readings = estimate.readings.believed(trust)
-        return estimate._replace(readings=readings, believed=trust * estimate.believed)
 
     def track(self, roll: float = 0.0) -> Track | None:
         """Return the track at its newest frame, in which the follower had a roll, rad.

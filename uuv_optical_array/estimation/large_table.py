@@ -66,9 +66,13 @@ def build_large_table(
         _open(path, scene)
     distributed = needs("cluster", "distributed")
     here = {
-        **{"processes": False, "n_workers": 1, "threads_per_worker": threads, "memory_limit": 0},
+        "processes": False,
+        "n_workers": 1,
+        "threads_per_worker": threads,
+        "memory_limit": 0,
         # HTTP is served without a dashboard, too, with a warning where the usual port is taken.
-        **{"dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}},
+        "dashboard_address": None,
+        "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
         # What fails is raised by its result; all else is logged by a cluster that is being closed.
         "silence_logs": logging.CRITICAL,
     }

@@ -16,7 +16,6 @@ from uuv_optical_array.estimation.signature.features import (
     lifted,
     no_pattern,
     prepare,
-    skewness,
     write_parameters,
 )
 from uuv_optical_array.forward.scene import SignatureSettings
@@ -105,10 +104,8 @@ def test_a_saturated_top_has_its_peak_at_the_centroid(saturated, middle, whole):
 
 @pytest.mark.parametrize("scale", [1e-300, 1.0, 1e300])
 def test_profiles_that_are_constant_or_evenly_sloped_have_no_skewness(scale):
-    assert skewness(np.full(7, scale)) == 0.0
-    assert skewness(np.zeros(7)) == 0.0
-    slope = np.tile(np.arange(5) * scale, (5, 1))
-    np.testing.assert_array_equal(key_parameters(slope, FULL_SCALE, "detector")[3:], [0.0, 0.0])
+    for image in (np.full((5, 5), scale), np.tile(np.arange(5) * scale, (5, 1))):
+        np.testing.assert_array_equal(key_parameters(image, FULL_SCALE, "detector")[3:], [0.0, 0.0])
 
 
 @pytest.mark.parametrize(

@@ -41,16 +41,11 @@ class FeatureSettings:
     ] = 5.0
 
 
-def skewness(values: ArrayLike) -> Array:
-    """Return the population skewness ``m3 / m2^1.5`` along the last axis; 0 without variation."""
-    values = np.asarray(values, dtype=float)
-    skews = np.empty(values.shape[:-1])
-    write_skewness(values.reshape(-1, values.shape[-1]).T, skews.reshape(-1))
-    return skews
-
-
 def write_skewness(values: Any, skews: Any) -> None:
-    """Write the `skewness` of values along the first axis, shape ``(n, m)``, shape ``(m,)``."""
+    """Write the population skewness ``m3 / m2^1.5`` of m columns, ``(n, m)``, shape ``(m,)``.
+
+    It is 0 without variation.
+    """
     count, m = values.shape
     sums = np.zeros((4, m))
     scale, mean, second, third = sums[0], sums[1], sums[2], sums[3]

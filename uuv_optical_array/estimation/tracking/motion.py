@@ -81,8 +81,6 @@ class OwnMotion:
 
     def displacement(self, start_ns: int, end_ns: int) -> Array:
         """Return the integral of the commands over a time, m and rad, shape ``(5,)``."""
-        if len(self._commands) == 1:
-            return (end_ns - start_ns) * 1e-9 * self._commands[0][1]
         first = self._holding(start_ns)
         last = bisect_left(self._commands, end_ns, lo=first + 1, key=STAMP)
         stamps, twists = zip(*self._commands[first:last], strict=True)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scenes import changed, ready, seen_in
 from scipy.stats import binom, chi2
 
-from uuv_optical_array.estimation.signature.daylight import CHANCE, Daylight
+from uuv_optical_array.estimation.signature.daylight import ODD_DAYLIGHT, Daylight
 from uuv_optical_array.forward.drawn_sea import draw_sea
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import power_offsets
@@ -35,7 +35,7 @@ def test_it_is_the_square_of_a_gaussian_of_all_readings(seed, stretch):
     noise = model.noise.variance + (0.02 * image.mean()) ** 2
     off = image - LEVEL
     square = off @ np.linalg.solve(noise * np.eye(25) + spread, off)
-    most = chi2.isf(CHANCE, 25)
+    most = chi2.isf(ODD_DAYLIGHT, 25)
     if abs(square - most) > 1e-6 * most:
         assert Daylight(model).explains(image.reshape(5, 5)) == (square < most)
 
@@ -50,7 +50,7 @@ def test_of_images_without_a_lamp_so_few_show_light_as_is_said(name):
     for _ in range(1000):
         sea = draw_sea(model.scene, rng)
         lit += not daylight.explains(seen_in(model, sea, [-5.0, 0, 0, 0, 0], rng, out))
-    assert lit <= binom.isf(1e-7, 1000, CHANCE)
+    assert lit <= binom.isf(1e-7, 1000, ODD_DAYLIGHT)
 
 
 def test_lamps_show_where_they_are_followed_and_also_where_a_pose_tells_little():

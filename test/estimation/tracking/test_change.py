@@ -6,7 +6,7 @@ from scipy.stats import multivariate_normal
 
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.belief import BiasSpace
-from uuv_optical_array.estimation.tracking.change import POSE_STD, SPAN_NS, Changes
+from uuv_optical_array.estimation.tracking.change import FIRST_POSE_STD, SPAN_NS, Changes
 from uuv_optical_array.estimation.tracking.motion import RATE_STD, walk_noise
 from uuv_optical_array.estimation.unknowns.constants import Constants
 
@@ -60,7 +60,7 @@ class Sea:
 
     def covariance(self):
         """Return the covariance of all readings without a change, state by state."""
-        count, state = len(self.times_s), np.diag(np.square([*POSE_STD, *RATE_STD]))
+        count, state = len(self.times_s), np.diag(np.square([*FIRST_POSE_STD, *RATE_STD]))
         blocks, cross = {}, {}
         for k in range(count):
             if k:

@@ -9,7 +9,8 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.noise import reading_variance
 from uuv_optical_array.forward.prior import DAYLIGHT
 
-CHANCE = 1e-4  # share of images of daylight that are so odd that something else seems to shine
+# Share of images of daylight that are so odd that something else seems to shine.
+ODD_DAYLIGHT = 1e-4
 
 
 class Daylight:
@@ -26,10 +27,10 @@ class Daylight:
         self._own = np.square(spread).sum(axis=0).max(initial=0.0)
         gains = scene.prior.spread**2 + model.analogue_noise.square
         self._noise = model.noise._replace(square=gains)
-        self._most = float(chdtri(len(self._light), CHANCE))
+        self._most = float(chdtri(len(self._light), ODD_DAYLIGHT))
 
     def explains(self, image: Array) -> bool:
-        """Say whether more than `CHANCE` of daylight's images are as odd as an image, counts."""
+        """Say whether `ODD_DAYLIGHT` or more of daylight's images are as odd as one, counts."""
         brightest, most = float(image.max()), self._most
         over = max(brightest - float(self._light.max()), 0.0)
         # No image is more probable than its brightest reading is by itself.

@@ -19,7 +19,8 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.noise import reading_variance
 from uuv_optical_array.forward.scene import Scene
 
-ROUNDING = 1e-6  # relative: ten times that of a float32, in which features may have been passed on
+# Relative: ten times that of a float32, in which features may have been passed on.
+FEATURE_ROUNDING = 1e-6
 FROZEN = 1e-9  # probability that valid frames repeat, below which a repeated one is frozen
 REMEMBERED = 32  # frames: a driver that hangs may send its last buffer again and again
 
@@ -43,7 +44,7 @@ def bounds(scene: Scene) -> Array:
 def check_parameters(parameters: Array, largest: Array) -> None:
     """Refuse key parameters, shape ``(5,)``, beyond their `bounds`."""
     for name, value, high in zip(FEATURE_NAMES, parameters.tolist(), largest.tolist(), strict=True):
-        low, slack = (0.0 if name == "peak" else -high), ROUNDING * max(1.0, high)
+        low, slack = (0.0 if name == "peak" else -high), FEATURE_ROUNDING * max(1.0, high)
         if not low - slack <= value <= high + slack:
             raise NoPose(
                 f"not of this array: {name} is {value:.9g}, but it must be from {low:.6g} to "
@@ -63,7 +64,7 @@ def check_full_scale(brightest: float, scene: Scene) -> None:
 def check_image(parameters: Array, image: Array, scene: Scene) -> None:
     """Refuse key parameters, shape ``(5,)``, that are not those of their image of a scene."""
     own = scene_parameters(image, scene)
-    alike = np.abs(parameters - own) <= ROUNDING * np.maximum(1.0, np.abs(own))
+    alike = np.abs(parameters - own) <= FEATURE_ROUNDING * np.maximum(1.0, np.abs(own))
     for i in np.flatnonzero(~alike)[:1]:
         check_parameters(parameters, bounds(scene))
         raise NoPose(

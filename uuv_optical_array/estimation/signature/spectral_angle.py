@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from uuv_optical_array.core.geometry import Array
 
 # Chords that differ by no more than this are ranked by the stable angle.
-APART, ROUNDING = 1 + 1e-9, 1e-15
+APART, CHORD_ROUNDING = 1 + 1e-9, 1e-15
 BLOCK_ROWS = 1 << 16
 SMALL = 1e-100  # numbers between this and its inverse have squares that neither over- nor underflow
 
@@ -106,10 +106,10 @@ class SpectralIndex:
             fetch = min(fetch, count)
             chords, neighbours = map(np.ravel, self._tree.query(unit, fetch))
             # Until the last one fetched is clearly farther, a tie may lie outside.
-            settled = fetch == count or chords[-1] > chords[k - 1] * APART + ROUNDING
+            settled = fetch == count or chords[-1] > chords[k - 1] * APART + CHORD_ROUNDING
             fetch *= 4
         least = np.minimum.reduce(chords[1:] - chords[:-1], initial=chords[-1])
-        if chords[-1] < 1 and least > chords[-1] * (APART - 1) + ROUNDING:
+        if chords[-1] < 1 and least > chords[-1] * (APART - 1) + CHORD_ROUNDING:
             # In order, and up to 60 deg the chord by itself is as good as the stable angle.
             return 2 * np.arcsin(chords[:k] / 2), self._rows[neighbours[:k]]
         angles, rows = _angle_between_units(self._units[neighbours], unit), self._rows[neighbours]

@@ -39,7 +39,7 @@ STATE = 10  # pose and rate, before the biases
 # relative to gain errors. Without them an unforeseen beam makes false tracks; twice as large, they
 # cost a tenth of the accuracy of the range in seas of the prior.
 PLACE_S, PLACE_SHARE = 1.0, 0.5
-ROUNDING = 1e-14  # of a variance, which a correction may lose
+VARIANCE_ROUNDING = 1e-14  # of a variance, which a correction may lose
 MOST_BLOCKS = 7  # by a side of the array: the detectors of a block have one gain error, their mean
 
 
@@ -210,5 +210,5 @@ def correct(belief: Belief, observation: Observation, teach: bool = True) -> Bel
     if not teach:
         shift[STATE:] = less[STATE:, STATE:] = 0.0
     corrected = covariance - less
-    corrected.flat[:: len(mean) + 1] += ROUNDING * covariance.diagonal()
+    corrected.flat[:: len(mean) + 1] += VARIANCE_ROUNDING * covariance.diagonal()
     return belief._replace(mean=mean + shift, covariance=(corrected + corrected.T) / 2)

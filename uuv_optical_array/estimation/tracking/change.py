@@ -30,8 +30,8 @@ from uuv_optical_array.estimation.tracking.motion import LONG_AGO_NS, RATE_STD
 
 SPAN_NS, EVERY_NS = 3_500_000_000, 90_000_000  # of the frames kept; the least time between two
 FEWEST = 3  # for a way
-POSE_STD = np.repeat([2.0, 1.0], [3, 2])  # of the first pose about a straight way, m and rad
-ROUNDING = 3e-5  # of a pose given those before, m and rad
+FIRST_POSE_STD = np.repeat([2.0, 1.0], [3, 2])  # of the first pose about a straight way, m and rad
+PATH_ROUNDING = 3e-5  # of a pose given those before, m and rad
 
 
 class Change(NamedTuple):
@@ -95,7 +95,7 @@ class Changes:
         early, late = np.minimum.outer(time_s, time_s), np.maximum.outer(time_s, time_s)
         walked = early**2 * (late - early / 3) / 2  # covariance of a rate's integrated random walk
         spread = np.stack([np.full_like(early, 1.0), early * late, walked, np.eye(len(time_s))])
-        by = np.square([POSE_STD, RATE_STD, self._walk, np.full(5, ROUNDING)])
+        by = np.square([FIRST_POSE_STD, RATE_STD, self._walk, np.full(5, PATH_ROUNDING)])
         paths = np.tensordot(by.T, spread, 1)  # (5, t, t), one of each axis
         roots = np.linalg.cholesky(paths)
         places = np.pad(expected, ((0, 0), (0, self._space.constants.stop)))

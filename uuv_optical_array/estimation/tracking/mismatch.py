@@ -34,10 +34,10 @@ from uuv_optical_array.forward.prior import OWN_POWER, POWER, shade_modes
 
 # Frames of a window are tested together with those of the one before, so often.
 WINDOW_S, CHECK_S = 30.0, 2.0
-CHANCE = 1e-5  # probability of a false alarm, at each test
+FALSE_ALARM = 1e-5  # probability of a false alarm, at each test
 # The light is uneven where that share of the time with frames is, that fades as long as a window,
 # or of 3 s or more since the first frame.
-MOST, LEAST = 2 / 3, 1 - math.exp(-3 / WINDOW_S)
+UNEVEN_SHARE, LEAST_LIT = 2 / 3, 1 - math.exp(-3 / WINDOW_S)
 # Of sudden changes: their standard deviation in those of the prior; how often others than lamps
 # change, all detectors together as often as one constant.
 SUDDEN, RARELY = 10.0, 0.02
@@ -100,12 +100,12 @@ class Alarm:
         """
         step_s = max(stamp_ns - (self._newest_ns or stamp_ns), 0) * 1e-9
         kept = math.exp(-step_s / WINDOW_S)
-        new = min(1 - kept, LEAST)
+        new = min(1 - kept, LEAST_LIT)
         self._newest_ns = stamp_ns
         self._lit, self._uneven = kept * self._lit + new, kept * self._uneven + new * uneven
         if readings is not None and self._sums:
             self._add(stamp_ns, readings)
-        mostly = self._tests and self._uneven > MOST * max(self._lit, LEAST)
+        mostly = self._tests and self._uneven > UNEVEN_SHARE * max(self._lit, LEAST_LIT)
         self.said = MOSTLY_UNEVEN if mostly else self._off
 
     def _begin(self, stamp_ns: int, after_s: float = 0.0) -> None:
@@ -163,7 +163,7 @@ class Alarm:
         scores = sizes * (white @ shifts)
         best = int(scores.argmax())
         chance = min(chdtrc(len(white), white @ white), len(scores) * chdtrc(1, scores[best]))
-        if chance >= CHANCE:
+        if chance >= FALSE_ALARM:
             return ""
         if not self._off:  # once for each alarm
             self._change = self._changed()
@@ -176,7 +176,7 @@ class Alarm:
         best = None
         if self._changes:
             best = self._changes.likeliest(self._directions, SUDDEN, self._odds)
-        if best is None or best.evidence < -math.log(CHANCE):
+        if best is None or best.evidence < -math.log(FALSE_ALARM):
             return ""
         size = best.size * self._units[best.error]
         return f"{self._names[best.error]} changed by {size:+.2g}"

@@ -34,7 +34,7 @@ from uuv_optical_array.forward.prior import OWN_POWER, POWER, shade_modes
 
 # Frames of a window are tested together with those of the one before, so often.
 WINDOW_S, CHECK_S = 30.0, 2.0
-FALSE_ALARM = 1e-5  # probability of a false alarm, at each test
+FALSE_ALARM = 1e-5  # probability of a false alarm, of each of two tests, every `CHECK_S`
 # The light is uneven where that share of the time with frames is, that fades as long as a window,
 # or of 3 s or more since the first frame.
 UNEVEN_SHARE, LEAST_LIT = 2 / 3, 1 - math.exp(-3 / WINDOW_S)

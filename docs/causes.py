@@ -5,32 +5,34 @@ What to do about each stands in ``uuv_optical_array/nodes/shared/reasons.py``.
 
 CAUSES = {
     "no light": (
-        "No detector reads `min_peak_counts` more than in darkness, or it may be daylight: lamp "
-        "off, hidden or too far."
+        "No detector reads `min_peak_counts` more than in darkness, or it may be daylight, as "
+        "where the lamp is off, out of sight or too far."
     ),
     "no pattern": (
-        "All detectors read the same, or each darkness or full scale: lamp too near, array "
-        "shorted, daylight."
+        "All detectors read the same, or each 0 or full scale, as by a lamp too near, a shorted "
+        "array or daylight."
     ),
-    "above full scale": "A reading exceeds the scene's full scale: of converter or saturation.",
+    "above full scale": "A reading exceeds the scene's full scale.",
     "not five finite numbers": "The message has no valid key parameters.",
     "not of this array": "A key parameter is impossible for the scene's array.",
     "another image": "The key parameters are not those of the image with their stamp.",
     "frozen": "A frame is equal to one of the last 32, even in its noise.",
     "no match": (
-        "No signature is within `max_angle_rad`: the pose is beyond the table, or the sea differs."
+        "No signature is within `max_angle_rad`, as where the pose is beyond the table or the sea "
+        "differs."
     ),
     "no fit": (
-        "No pose that the fit can tell explains the image: another lamp or sea, daylight, shadow, "
-        "dirty or dead detectors, exchanged wires, or a pitch of almost 60 deg or more."
+        "The fit finds no pose, as with another lamp or sea, daylight, a shadow, dirty or dead "
+        "detectors, exchanged wires, several lamps off, or a pitch of almost 60 deg or more."
     ),
     "outlier": (
-        "The pose is too far from the track, or its lamp from where the leader is expected: a "
+        "The pose is too far from the track, or its lamp is not taken for the leader's, as by a "
         "reflection, another lamp, or too fast a manoeuvre."
     ),
     "too uncertain": "The range is too uncertain to steer by, as by few or dim readings.",
     "late frame": (
-        "A newer frame came first. The late one is not published; within `buffer_s` it is tracked."
+        "A newer frame came first. The pose of the late one is not published; within `buffer_s` "
+        "it is tracked."
     ),
     "repeated stamp": "Two frames have the same stamp.",
     "stamp not later": "A stamp is repeated, missing, or in the wrong order.",
@@ -39,10 +41,10 @@ CAUSES = {
     ),
     "wrong frame": "The track is not in `beacon_frame`.",
     "no image": "Key parameters came without an image of their stamp.",
-    "no table": "The signature table could not be read or built.",
+    "no table": "The node could not be set up, as where its signature table cannot be read.",
     "no roll": (
-        "No `imu` message is near the image in time. The last roll is used, with growing "
-        "uncertainty; before the first there is no pose."
+        "The last `imu` message is more than `max_imu_age_s` from the image. Its roll is used, "
+        "less certain; before the first there is no pose."
     ),
     "no orientation": "The IMU gives no orientation.",
     "not finite": "NaN or infinity, in a message or, if `not published`, by this node.",
@@ -50,13 +52,14 @@ CAUSES = {
     "bad attitude": "A quaternion does not have the length 1.",
     "wrong encoding": "The image is neither mono16 nor 16UC1.",
     "wrong size": (
-        "The image is not of the scene's array, or there are several sets of key parameters."
+        "The image does not have the scene's rows and columns, or there are several sets of key "
+        "parameters."
     ),
     "wrong step": "The rows of the image have the wrong length.",
     "truncated": "The message has another number of bytes than its size states.",
     "wrong fields": "The fields are not those of key parameters.",
     "wrong field type": "A field is not one FLOAT64.",
-    "wrong field offsets": "The key parameters do not follow each other.",
+    "wrong field offsets": "The key parameters do not follow each other from byte 0 on.",
     "pose": "The pose is out of bounds, or not later than the one before.",
     "covariance": "The covariance is missing, not positive definite or out of bounds.",
     "rate": "A rate of the pose is beyond what vehicles reach, in m/s or rad/s.",
@@ -66,18 +69,20 @@ CAUSES = {
         "The range is too far from the track, as by an echo, or where lamp or sea have changed."
     ),
     "late range": "The range is more than `buffer_s` older than the newest pose, and not used.",
-    "repeated range": "Two ranges have the same stamp; the first is used.",
+    "repeated range": "Two ranges have the same stamp; the later one is not used.",
     "range without light": "No pose is near the range in time. A range alone gives none.",
     "late motion": "The message of the leader's motion is older than 3 s.",
     "motion": "The leader's motion is out of bounds.",
     "false motion": "The light contradicts the motion that the leader sends.",
     "readings": "The readings could not be linearised.",
     "no leader": "The leader's odometry is missing, or lags far behind the follower's.",
-    "no leader pose at the follower's stamp": "The leader's odometry has a gap or begins later.",
+    "no leader pose at the follower's stamp": (
+        "The leader's odometry has a gap, or its last 200 poses begin later."
+    ),
     "no state": "The message is not that of a formation node.",
-    "frames differ": "The odometries are in two frames.",
+    "frames differ": "The odometries are not all in one frame.",
     "paused": (
-        "The simulated clock jumped, or the node was busy for a second or more; no vehicle moved."
+        "The simulated clock jumped, or the node was held up for more than 1 s; no vehicle moved."
     ),
     "no input": "The node received nothing that it could answer.",
     "no output": "Poses arrive, but do not steer yet: they first have to agree for `settle_s`.",
@@ -90,7 +95,7 @@ CAUSES = {
     "future stamps": "A stamp is more than 1 s ahead: of another clock than the node's.",
     "no clock": "The node waits for simulated time.",
     "zero stamp": "A message has no stamp.",
-    "dark lamp": "One of several lamps gives no light where its pose predicts some.",
+    "dark lamp": "One of several lamps gives no light where the pose predicts some.",
     "faulty detector": (
         "A detector does not read the light that the others tell, as where it is dead, stuck, "
         "dirty, shaded or in a glint. The pose is that of the others."
@@ -99,7 +104,7 @@ CAUSES = {
         "No pose steers; the follower goes on as its leader did, led by what light there is."
     ),
     "searching": "No light steered for `coast_s`, or from the start, or `~/search` was called.",
-    "lost": "The search ended without light, or no image came while it lasted.",
+    "lost": "The search ended after `search_time_s`, or because no image came for 2 s.",
     "slow station": (
         "The station is so near the minimum distance that the follower goes slowly, to stop in "
         "time if the light goes out."
@@ -108,12 +113,16 @@ CAUSES = {
         "The node does not steer, by `~/engage` or `start_engaged`, or by `when_lost`."
     ),
     "follower waits": "The demonstration's follower has no leader.",
-    "left out": "Another vehicle's odometry is missing: the image lacks its lamp and its body.",
+    "left out": (
+        "The pose of another vehicle is missing at the instant of an image, which lacks its lamp "
+        "and its body."
+    ),
     "leader waits": (
         "A follower's first command, its leader's light or its compiled fit is missing."
     ),
     "table": (
-        "The folder is missing, incomplete, damaged, of another scene or version, or too large."
+        "The folder is missing, incomplete, damaged, or of another scene or version, or its table "
+        "has fewer than two rows or is too large for the memory."
     ),
     "scene": "No pose of the scene's table has light, or the table is too large for the memory.",
 }

@@ -10,11 +10,11 @@ from uuv_optical_array.nodes.shared import reasons
 # Values on ``/diagnostics``: names as Markdown, nodes that show them, and what they mean.
 VALUES = (
     ("`answered`, `refused`, `refused: ...`", "all", "messages, refused ones also by kind"),
-    ("`taken`", "formation", "poses received; `answered` counts commands"),
+    ("`taken`", "formation", "poses that it took; `answered` counts commands"),
     (
         "`passed_over`",
         "feature in `follower_node`, else estimator",
-        "images left out for a newer one",
+        "images, or their key parameters, left out for newer ones",
     ),
     (
         "`Events in window`, `Events since startup`, `Duration of window (s)`, "
@@ -32,7 +32,7 @@ VALUES = (
         "all but vehicles",
         "standard deviation of the time between stamps",
     ),
-    ("`cure: ...`", "all", "what to do about each text"),
+    ("`cure: ...`", "all", "what to do, by the kind of the text"),
     ("`peak_counts`", "simulator, feature, view", "brightest detector, counts"),
     (
         "`light_level`, `saturated_share`",
@@ -72,8 +72,8 @@ VALUES = (
         "estimator",
         "whether `cmd_vel` is used: `told`; `not told`, where none came for `command_timeout_s`, "
         "or by another clock, or `use_commands` is false; `contradicted` by the images and not "
-        "used: the follower does not obey, or it is not in m/s and rad/s along its own axes; if "
-        "that lasts, set `use_commands` to false",
+        "used, as where the follower does not obey, or it is not in m/s and rad/s along its own "
+        "axes; if that lasts, set `use_commands` to false",
     ),
     ("`range`", "estimator", "difference of the last range from the track, and whether it is used"),
     (
@@ -90,9 +90,9 @@ def diagnostics() -> list[str]:
     """Return the page of the texts that nodes show."""
     parts = [
         "# Diagnostics",
-        "The texts on `/diagnostics`, by their beginning, with cause and, in italics, cure. The "
-        "topic and a comma may stand before a text. [Operations](../how_to/operations.md) says "
-        "where to begin.",
+        "The warnings and errors on `/diagnostics`, by how their texts begin, with cause and, in "
+        "italics, cure. The topic and a comma may stand before a text. "
+        "[Operations](../how_to/operations.md) says where to begin.",
     ]
     for heading, kinds in (
         ("Refused messages", reasons.REFUSALS),
@@ -103,8 +103,8 @@ def diagnostics() -> list[str]:
     return [
         *parts,
         "## Values",
-        "Counts are since the start, but for that of the window of up to 5 s; all else is of the "
-        "last second. The nodes are in brackets.",
+        "Counts are since the start, but for that of the window of about 5 s at most. What is shown of an "
+        "image or a pose is of the newest of the last second. The nodes are in brackets.",
         "\n".join(f"- {names} ({of}): {meaning}" for names, of, meaning in VALUES),
     ]
 

@@ -89,7 +89,7 @@ REFUSALS = {
     "no leader": "Check that `leader/odometry` is published in time.",
     "no leader pose at the follower's stamp": "Raise `max_gap_s`; use one clock for both.",
     "no state": "Let `follow_state` name the topic of a formation node of this version.",
-    "frames differ": "Publish both odometries in the same frame.",
+    "frames differ": "Publish all odometries in one frame.",
     "paused": (
         "Check what sets the simulated clock, and the load of the computer. The node goes on by "
         "itself."
@@ -114,8 +114,8 @@ WARNINGS = {
     "dark lamp": "Check whether the lamp is on, and whether something hides it.",
     "faulty detector": "Clean or repair it; until then name it in `effects.detector_faults`.",
     "coasting": (
-        "Check whether the lamp is on and what hides it. Without light the follower searches after "
-        "`coast_s`."
+        "Check whether the lamp is on and what hides it. Without light, and without a motion that "
+        "the leader sends, the follower searches after `coast_s`."
     ),
     "searching": (
         "Wait, or bring the leader's lamp into view. `~/engage` with false stops the follower."
@@ -127,9 +127,7 @@ WARNINGS = {
     "not engaged": "Call the node's service `~/engage` (std_srvs/SetBool) with true.",
     "follower waits": "Start the leader (`demo:=leader`), or let `leader_odometry` name its topic.",
     "left out": "Start that vehicle, or name in `others` only vehicles that are running.",
-    "leader waits": (
-        "Wait: the leader sets off when each follower has its light and no `fit` is being compiled."
-    ),
+    "leader waits": ("Wait until each follower has its light and no `fit` is being compiled."),
 }
 
 # Errors of the set-up: the node does not work until it is corrected. ERROR.

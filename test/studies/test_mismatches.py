@@ -139,6 +139,20 @@ def test_faults_are_of_so_many_detectors_any_of_them_as_often(name, number, gain
     assert stats.chisquare(differs.sum(axis=0).ravel()).pvalue > 1e-3
 
 
+@pytest.mark.parametrize("name", ["two_dirty", "glint", "dead_detector", "stuck_detector"])
+def test_a_faulty_detector_is_faulty_in_the_image_of_each_lamp(name):
+    scene = load_scene("leading_lights")
+    model = ForwardModel(scene)
+    poses = np.repeat([[-5.0, 0.1, 0.1, 0.0, 0.0]], 20, axis=0)
+    plain, found = (
+        BY_NAME[kind].light(model, poses, np.random.default_rng(5)) for kind in ("nothing", name)
+    )
+    side = scene.array.detectors_per_side
+    differs = (found != plain).reshape(len(poses), scene.lamp_count, side, side)
+    assert differs.any(axis=(1, 2, 3)).all()
+    assert (differs == differs[:, :1]).all()
+
+
 def test_water_can_attenuate_more_in_a_scene_without_attenuation_and_not_less():
     murky = {**CLEAR, "effects": {"attenuation": {"k_per_m": 0.05}, **CLEAR["effects"]}}
     np.testing.assert_allclose(light_of("k+0.05", CLEAR), by_second(murky, power_of=CLEAR))

@@ -157,19 +157,21 @@ def response_power(percent: float) -> float:
 
 def one_detector(sea: Sea, full_scales: float) -> Array:
     """Let one detector, in each frame another, read a constant."""
-    image = sea.light()
-    row, column = sea.rng.integers(sea.model.array.side, size=(2, len(image)))
-    image[np.arange(len(image)), row, column] = full_scales * sea.model.scene.full_scale_counts
+    image, side = sea.light(), sea.model.array.side
+    row, column = sea.rng.integers(side, size=(2, len(image)))
+    of_lamps = image.reshape(len(image), -1, side, side)
+    frame = np.arange(len(image))
+    of_lamps[frame, :, row, column] = full_scales * sea.model.scene.full_scale_counts
     return image
 
 
 def some_detectors(sea: Sea, number: int, gain: float = 1.0, counts: float = 0.0) -> Array:
     """Let some detectors, in each frame others, read a share of their light, or more of it."""
     image = sea.light()
-    flat = image.reshape(len(image), -1)
-    every = np.tile(np.arange(flat.shape[1]), (len(flat), 1))
-    frame, chosen = np.arange(len(flat))[:, None], sea.rng.permuted(every, axis=1)[:, :number]
-    flat[frame, chosen] = gain * flat[frame, chosen] + counts
+    of_lamps = image.reshape(len(image), -1, sea.model.array.side**2)
+    every = np.tile(np.arange(of_lamps.shape[2]), (len(image), 1))
+    frame, chosen = np.arange(len(image))[:, None], sea.rng.permuted(every, axis=1)[:, :number]
+    of_lamps[frame, :, chosen] = gain * of_lamps[frame, :, chosen] + counts
     return image
 
 

@@ -103,8 +103,9 @@ def diagnostics() -> list[str]:
     return [
         *parts,
         "## Values",
-        "Counts are since the start, but for that of the window of about 5 s at most. What is shown of an "
-        "image or a pose is of the newest of the last second. The nodes are in brackets.",
+        "Counts are since the start, but for that of the window of about 5 s at most. What is "
+        "shown of an image or a pose is of the newest of the last second. The nodes are in "
+        "brackets.",
         "\n".join(f"- {names} ({of}): {meaning}" for names, of, meaning in VALUES),
     ]
 

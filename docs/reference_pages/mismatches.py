@@ -14,9 +14,9 @@ def mismatches() -> list[str]:
     """Return the page of the kinds of mismatch, by what to do about them."""
     parts = [
         "# Kinds of mismatch",
-        "How the sea can differ from the scene in `uuv_array study robustness` "
-        "([results](../results/robustness.md)), and in italics what to do about it. In brackets "
-        "are standard deviations of the prior `known: calibrated`.",
+        "The kinds of `uuv_array study robustness` ([results](../results/robustness.md)): what "
+        "differs from the scene and, in italics, what to do about it. In brackets is by how much, "
+        "in standard deviations of the prior `known: calibrated`.",
     ]
     for cure in dict.fromkeys(kind.cure for kind in KINDS):
         named = {
@@ -35,12 +35,13 @@ def troubles() -> list[str]:
         "# Kinds of trouble",
         "The troubles of a follower in `uuv_array study envelope` "
         "([results](../results/envelope.md)). Of them the estimator knows only the clouds of "
-        "`night_plume`. The leader sets off once all followers are locked. Unless stated otherwise "
-        "it moves at 0.5 m/s: straight on in the groups Darkness and Leader and in a chain, else "
+        "`night_plume`. Unless stated otherwise the leader sets off once all followers are locked, "
+        "and moves at 0.5 m/s: straight on in the groups Darkness and Leader and in a chain, else "
         "on the demonstration's path. Currents and other speeds of the way begin as it sets off, "
         "manoeuvres that a kind names 15 s later. Light, water and IMU change 15 s after the start "
         "of the run, or 20 s where the leader's lamp goes out beside another one. Wrong detectors, "
-        "clouds that the scene names and equal lamps aside are there from the start.",
+        "clouds that the scene names and, but in `other_instead`, equal lamps aside are there from "
+        "the start.",
     ]
     for group in dict.fromkeys(kind.group for kind in TROUBLES):
         named = {f"`{kind.name}`": kind.what for kind in TROUBLES if kind.group == group}

@@ -125,12 +125,15 @@ def _kinds(
 
 POWER_CURE = "Calibrate again when lamp or battery change; widen `prior.lamp_power_std`."
 WATER_CURE = "Measure the water or calibrate where you dive; widen"
-K_CURE = f"{WATER_CURE} `prior.k_std_per_m`, or of the effect `sea` `prior.absorption_std_per_m`."
+K_CURE = f"{WATER_CURE} `prior.k_std_per_m`, or with the effect `sea` `prior.absorption_std_per_m`."
 SEA_CURE = f"{WATER_CURE} `prior.scattering_std`."
-BEAM_CURE = "Calibrate the mounted lamp; an ageing diffuser widens the beam."
+BEAM_CURE = "Calibrate the mounted lamp."
 SHAPE_CURE = "Name the lamp's file in `lamp.photometry`, or calibrate with a `beam_shape_std`."
 AMBIENT_CURE = "Measure with the lamp off and set `effects.ambient`, or shield the array."
-GRADIENT_CURE = f"{AMBIENT_CURE} A track may learn the slope while the range changes."
+GRADIENT_CURE = (
+    f"{AMBIENT_CURE} With a `prior.ambient_gradient_std_counts` a track may learn the slope "
+    "while the range changes."
+)
 LAMP_CURE = "Cover or switch off other lamps, or modulate the leader's."
 CARRIER_CURE = "Give each leader its own carriers, at least 100 Hz from all others."
 GAIN_CURE = "Calibrate the gains; clean the windows."
@@ -251,7 +254,7 @@ KINDS = (
     *_kinds("moving", lambda sea: sea.model.light(
                 sea.poses, time_s=sea.rng.uniform(0, DAY_S, len(sea.poses))),
             "What moves in the scene moves: plume, flicker and drift of the lamp.",
-            "Wait until the clouds have passed, or go so near that the lamp outshines them.",
+            "Wait until the clouds have passed, or go nearer.",
             needs="motion"),
     *_kinds("near_2m", Sea.light,
             "The follower is 2 m behind the lamp.",

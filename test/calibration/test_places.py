@@ -195,6 +195,24 @@ def test_places_that_are_all_off_alike_are_refused_where_their_light_tells_it(
     assert abs(size - wanted) < 4 * std
 
 
+def test_a_reading_close_to_full_scale_hides_no_error_of_all_places():
+    rng = np.random.default_rng(0)
+    scene = sea("follow")
+    true = rng.uniform([-6, -0.8, -0.8, -0.4, -0.4], [-2.5, 0.8, 0.8, 0.4, 0.4], (20, 5))
+    near = np.array([[-x, 0, 0, 0, 0] for x in np.linspace(2, 4, 401)])
+    peaks = ForwardModel(scene).light(near).max(axis=(1, 2))
+    true[0] = near[np.abs(peaks - scene.full_scale_counts + 4).argmin()]
+    places = np.repeat(np.arange(20), 3)
+    images = ForwardModel(scene).expose(true[places], rng)
+    told = true + STDS * rng.standard_normal(true.shape)
+    start = load_scene("follow")
+    for off, begin in ((0.0, ""), (0.2, "by the light all places are off along x by +0.")):
+        given = told + np.array([off, 0, 0, 0, 0])
+        found = calibrate(start, images, given[places], pose_std=STDS, places=places)
+        assert found.refusal.startswith(begin)
+        assert bool(found.refusal) == bool(off)
+
+
 def test_places_that_are_right_are_not_blamed():
     assert not rail()
     assert "the places" not in (refusal := rail([1] * 5, noise=6.0))

@@ -121,29 +121,33 @@ def common_error(fit: CalibrationFit) -> str:
 def _error_along(fit: CalibrationFit, direction: Array, step: float) -> tuple[float, float]:
     """Return how far to move all poses along a direction, ``(m, 5)``, and its standard error.
 
-    The latter is inf where nothing determines it.
+    The latter is inf where nothing determines it. Readings that a step brings near a limit do not
+    count, as they say other things before it and after it.
     """
-    likelihood, state = fit.likelihood, fit.state
+    likelihood, state = copy.copy(fit.likelihood), fit.state
 
     def moved(by: float, readings: Array) -> CalibrationState:
         other = copy.copy(likelihood)
         other.poses, other.readings = likelihood.poses + by * direction, readings
         return other.evaluate(state.at, expected=True)
 
+    ends = [moved(by, likelihood.readings) for by in (-step, step)]
+    likelihood.used = likelihood.used & np.all([*map(likelihood.uncensored, ends)], axis=0)
+
     def cost(at: CalibrationState) -> float:
         return at.cost - at.shift_decrement
 
-    back, forth = (moved(by, likelihood.readings) for by in (-step, step))
-    score = (cost(back) - cost(forth)) / (2 * step)
+    back, here, forth = (moved(by, likelihood.readings) for by in (-step, 0.0, step))
+    score, gradient, information = cost(back) - cost(forth), here.gradient, here.information
     # Without noise the changes of the gradient are those of Gauss-Newton.
     back, here, forth = (moved(by, state.mean) for by in (-step, 0.0, step))
     own = (cost(back) + cost(forth) - 2 * cost(here)) / step**2
     free = likelihood.layout.free_directions(fit.held() | likelihood.layout.lacking)
     crossed = free.T @ (back.gradient - forth.gradient) / (2 * step)
-    known = np.column_stack([crossed, free.T @ state.gradient])
-    taken_up = np.linalg.lstsq(free.T @ state.information @ free, known, rcond=None)[0]
+    known = np.column_stack([crossed, free.T @ gradient])
+    taken_up = np.linalg.lstsq(free.T @ information @ free, known, rcond=None)[0]
     left = own - float(crossed @ taken_up[:, 0])
     if not left > LEAST_LEFT * own:
         return 0.0, math.inf
-    size = (score - float(crossed @ taken_up[:, 1])) / left
+    size = (score / (2 * step) - float(crossed @ taken_up[:, 1])) / left
     return size, math.sqrt(max(1.0, fit.agreement.misfit) / left)

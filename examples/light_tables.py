@@ -2,7 +2,7 @@
 
 Run: python3 light_tables.py FOLDER
 The same command writes the same tables, as their noise has the seed 1: rail.csv, of one detector
-that a rail moves; vehicle.csv and detectors.csv, of six detectors that look to all sides, and
+that a rail moves; vehicle.csv and detectors.csv, of six detectors, five of which look aside, and
 trajectory.csv, of the vehicle's poses by another clock; dive.csv, of a dive whose depth and heading
 its own sensors tell.
 """

@@ -16,12 +16,13 @@ from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sent
 SOURCE = re.compile(r"[A-Z]\w+(?: and [A-Z]\w+| et al\.)? (?:\d{4}|\(\d{4}\))(?:, eq\. \d+)?")
 # The same in parentheses, with whatever else stands there.
 CITATION = re.compile(r" \([^()]*\d{4}[^()]*\)")
+PHOTOMETRY = {"beam_sigma_deg": " or `photometry`"}  # a key that another can take the place of
 
 
 def scene() -> list[str]:
     """Return the page of the keys of a scene."""
     needed = [
-        f"`{key}`"
+        f"`{key}`{PHOTOMETRY.get(key, '')}"
         for owner in GROUPS.values()
         for key, setting in declared(owner).items()
         if setting.required
@@ -58,7 +59,7 @@ def scene() -> list[str]:
         ]
     parts += [
         "## Ready scenes",
-        "`uuv_array scenes` lists their key figures; `config/scenes/` has the sources of values.",
+        "`uuv_array scenes` lists their key figures; `config/scenes/` names sources of values.",
     ]
     lines = [
         f"- `{name}`: {sentence(scene_file(name)).removeprefix('Use ')}" for name in ready_scenes()

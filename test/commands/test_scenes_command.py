@@ -85,7 +85,7 @@ def test_every_key_is_explained_by_its_bounds_and_default():
 
 def test_a_key_an_effect_and_a_group_are_found_by_their_short_names():
     assert told("lamp.beam_sigma_deg").splitlines()[:2] == [
-        "lamp.beam_sigma_deg: standard deviation of the beam, unless photometry gives it",
+        "lamp.beam_sigma_deg: standard deviation of a Gaussian beam, unless photometry gives it",
         "  from 0.1 to 90 deg; must be given",
     ]
     assert told("plume") == told("effects.plume")

@@ -119,7 +119,7 @@ class FrameLight(NamedTuple):
 
 @dataclass(frozen=True)
 class PriorSettings:
-    """Standard deviations of what is not known (0: known), and how often light is uneven."""
+    """Standard deviations of the unknown (0: known), and how often and how long light is uneven."""
 
     known: Annotated[
         Known, Quantity("set of values for the keys of the prior that are not given")

@@ -22,7 +22,7 @@ def sensor_noise(
     array: DetectorArray,
     *,
     sigma_counts: Annotated[
-        float, Quantity("standard deviation of a reading, before demodulation", "counts", 0, 1e6)
+        float, Quantity("standard deviation in the dark, before demodulation", "counts", 0, 1e6)
     ],
     relative: Annotated[
         float, Quantity("standard deviation of a second part, relative to the light", "", 0, 1)
@@ -116,7 +116,10 @@ def saturation(
     array: DetectorArray,
     *,
     level_counts: Annotated[
-        float, Quantity("largest signal, before demodulation and with a pedestal", "counts", 1, 1e6)
+        float,
+        Quantity(
+            "largest signal, before demodulation; the effect pedestal is in it", "counts", 1, 1e6
+        ),
     ],
 ) -> Saturation:
     """Clip at the largest signal that photodiode and amplifier can give."""
@@ -204,7 +207,7 @@ def pedestal(
 def adc(
     array: DetectorArray,
     *,
-    bits: Annotated[int, Quantity("resolution; readings run from 0 to 2^bits - 1", "", 1, 16)],
+    bits: Annotated[int, Quantity("resolution; the range is from 0 to 2^bits - 1", "", 1, 16)],
 ) -> Converter:
     """Round to whole counts and clip to the converter's range."""
     return Converter(2.0**bits - 1)

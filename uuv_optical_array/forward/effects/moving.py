@@ -27,7 +27,7 @@ def lamp_flicker(
         float, Quantity("frequency of the light; on the mains twice theirs", "Hz", 1e-3, 1e6)
     ],
 ) -> Moving:
-    """Let the lamp flicker, ``1 + depth sin(2 pi f t)``, as a lamp on alternating current does."""
+    """Let the lamp flicker, ``1 + depth sin(2 pi f t)``, like one on alternating current."""
 
     def factor(time_s: Array, rays: Array, axis: Array) -> Array:
         # Whole cycles are removed first, or a stamp of a billion seconds would lose its phase.

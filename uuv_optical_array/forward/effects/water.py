@@ -109,10 +109,13 @@ def ambient(
     array: DetectorArray,
     *,
     level_counts: Annotated[
-        float | None, Quantity("reading by daylight alone", "counts", 0, 1e6)
+        float | None, Quantity("reading by daylight alone, without demodulation", "counts", 0, 1e6)
     ] = None,
     surface_counts: Annotated[
-        float | None, Quantity("reading by daylight alone at the surface", "counts", 0, 1e12)
+        float | None,
+        Quantity(
+            "reading by daylight alone at the surface, without demodulation", "counts", 0, 1e12
+        ),
     ] = None,
     depth_m: Annotated[
         float | None, Quantity("depth of the array below the surface", "m", 0, 11_000)
@@ -121,7 +124,7 @@ def ambient(
     water: Water | None = None,
     wavelength_nm: WavelengthNm = None,
 ) -> Background:
-    """Add daylight that reaches every detector alike (L_b of Eren et al. 2016, eq. 5).
+    """Let daylight reach every detector alike (L_b of Eren et al. 2016, eq. 5).
 
     Its level is given, or the level at the surface, which falls with depth as ``exp(-K d)``
     (Jerlov 1976; K as in `attenuation`, of the downwelling light).

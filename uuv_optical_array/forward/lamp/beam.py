@@ -34,7 +34,9 @@ class LampSettings:
 
     beam_sigma_deg: Annotated[
         float,
-        Quantity("standard deviation of the beam, unless photometry gives it", "deg", 0.1, 90),
+        Quantity(
+            "standard deviation of a Gaussian beam, unless photometry gives it", "deg", 0.1, 90
+        ),
     ]
     reference_counts: Annotated[
         float,

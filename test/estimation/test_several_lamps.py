@@ -14,7 +14,7 @@ from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOTHING, NOWHERE, ONE_STEP
-from uuv_optical_array.estimation.least_squares.image_fit import CLEAR, ImageFit, pose_prior
+from uuv_optical_array.estimation.least_squares.image_fit import CLEAR, ImageFit
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
 from uuv_optical_array.estimation.least_squares.problem import light_at, start_at
 from uuv_optical_array.estimation.signature.features import key_parameters
@@ -200,8 +200,7 @@ def clear_fit(estimator):
     """Return what fits a clear frame, problem and way, from the true pose, beside its kind."""
     kinds, guide = kinds_of(MODEL), guide_from(guide_to(MODEL), POSE)
     names, write = estimator.constants.names, writer_of_fits()
-    precision = np.diag(1 / np.square(pose_prior(SCENE)[1]))
-    linear = LinearModel(MODEL, kinds, names, precision, write)
+    linear = LinearModel(MODEL, kinds, names, write)
     frame = frame_of(kinds[0].problem, guide)
 
     def fitted(problem, way=BELIEVED, place=NOWHERE):
@@ -233,9 +232,9 @@ def test_odds_are_those_of_an_integral_over_what_is_more_unknown(clear_fit, name
     integral = trapezoid(np.exp(np.array(logs) - peak), moves) / (std * np.sqrt(2 * np.pi))
     wanted = np.log(integral) + peak - frame.log_evidence
     assert wanted > 1
-    precision = problem.nuisance_precision.copy()
-    precision[at, at] = 1 / (1 / precision[at, at] + std**2)
-    wider = problem._replace(nuisance_precision=precision)
+    stds = problem.nuisance_std.copy()
+    stds[at] = np.hypot(stds[at], std)
+    wider = problem._replace(nuisance_std=stds)
     place = np.concatenate([frame.coordinates, frame.best[5:]])
     near = fitted(wider, ONE_STEP, place)
     # As good as linear: one linear step is to choose what is fitted.

@@ -15,8 +15,7 @@ SHADE = {"lamp.power": 0.2, "shade.mode_1": 0.05, "shade.mode_2": 0.05, "shade.m
 
 def stds(kind):
     """Return the standard deviations of a kind's nuisances, by name."""
-    values = 1 / np.sqrt(kind.problem.nuisance_precision.diagonal())
-    return dict(zip(kind.names, values.tolist(), strict=True))
+    return dict(zip(kind.names, kind.problem.nuisance_std.tolist(), strict=True))
 
 
 def test_a_size_is_so_much_of_a_shade_and_of_daylight():

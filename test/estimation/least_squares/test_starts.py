@@ -24,6 +24,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     evaluate,
     light_at,
     lit,
+    longest_step,
     refine,
     settle,
     start_at,
@@ -158,10 +159,11 @@ def test_a_narrow_valley_that_bends_is_followed_in_few_steps(sign):
     problem = CountedProblem(*Image(model.light(pose).ravel(), 0.0).problem(kinds_of(model)[0]))
     truth = start_at(problem, pose)  # where light without noise has its minimum
     state = evaluate(problem, truth)
-    scale = np.outer(problem.reach, problem.reach)
+    longest = np.array([longest_step(problem, i) for i in range(len(truth))])
+    scale = np.outer(longest, longest)
     _, axes = np.linalg.eigh(state.parts[INFORMATION:] * scale)
     before = problem.evaluations
-    best = settle(problem, truth + sign * problem.reach * axes[:, 0])
+    best = settle(problem, truth + sign * longest * axes[:, 0])
     assert best.cost == pytest.approx(state.cost, abs=0.02)
     assert 1 < problem.evaluations - before <= 7  # steps that only lead downhill take 31 and more
 

@@ -50,18 +50,15 @@ class LinearisedReadings(NamedTuple):
         says, nothing = weights > 0, np.full(len(weights), np.inf)
         return self._replace(variances=np.divide(self.variances, weights, out=nothing, where=says))
 
-    def pose_slopes(self, of_pose: Array, of_constants: Array, gain_std: float) -> Array:
-        """Return how the pose that fits best follows the constants that are given, ``(5, q - k)``.
+    def pose_slopes(self, stds: Array, gain_std: float) -> Array:
+        """Return how the pose that fits best follows the last constants, shape ``(5, q - k)``.
 
-        These are the last. Given are also the inverse covariance of the prior of the pose and of
-        the k constants that are fitted with it, and `gain_std`, the detectors' relative error.
+        - stds: of the prior of pose and the first k constants, which are fitted, ``(5 + k,)``.
+        - gain_std: the detectors' relative error.
         """
-        size = 5 + len(of_constants)
-        fitted, given = self.slopes[:, :size], self.slopes[:, size:]
+        fitted, given = self.slopes[:, : len(stds)], self.slopes[:, len(stds) :]
         weighted = fitted.T / (self.variances + np.square(gain_std * self.light))
-        information = weighted @ fitted
-        information[:5, :5] += of_pose
-        information[5:, 5:] += of_constants
+        information = weighted @ fitted + np.diag(stds**-2.0)
         return -solve(information, weighted @ given)[:5]
 
 

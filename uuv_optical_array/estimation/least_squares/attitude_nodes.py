@@ -20,6 +20,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     Problem,
     State,
     evaluate,
+    longest_step,
     propose,
 )
 from uuv_optical_array.estimation.unknowns.coordinates import to_lamp
@@ -166,7 +167,7 @@ def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) 
     solve_upper(factor, pull)
     excess = 1.0
     for i in range(rest):
-        excess = max(excess, abs(pull[i]) / problem.reach[ordered(i, rest)])
+        excess = max(excess, abs(pull[i]) / longest_step(problem, ordered(i, rest)))
     for i in range(rest):
         lattice.ats[node, ordered(i, rest)] += pull[i] / excess
     # At an attitude the pose follows where the lamp is and how bright.
@@ -191,7 +192,7 @@ def integrate_across(problem: Problem, parts: Array, lattice: Lattice, node: int
     own = n * n * u - 2 * m * n * v + m * m * w - ratio * ratio * known
     decrement = 0.5 * pull * pull * known
     lattice.logs[node] += min(decrement, SETTLED) - 0.5 * np.log(known)
-    pull /= max(1.0, abs(pull) / problem.reach[PITCH])
+    pull /= max(1.0, abs(pull) / longest_step(problem, PITCH))
     turned = zeros(1, 5, known)
     for i in range(parts.shape[1]):
         off = m * moved[0, i] + n * moved[1, i]

@@ -271,7 +271,7 @@ def estimate_frame(
         outcome = MISFIT
         if score <= guide.max_score:
             outcome = FITTED
-            moments, density = laplace(minima[0]), log_density(problem.nuisance_precision)
+            moments, density = laplace(minima[0]), log_density(problem.nuisance_std)
             by_laplace = moments.log_weight + density
             if not guide.gaussian:
                 moments = posterior_about(problem, minima)
@@ -310,7 +310,7 @@ def one_step(problem: Problem, at: Array, weights: Array) -> FrameResult:
     best, mean = there.copy(), np.empty(5)
     for i in range(5):
         best[i] = mean[i] = pose[i]
-    log_evidence = moments.log_weight + decrement + log_density(problem.nuisance_precision)
+    log_evidence = moments.log_weight + decrement + log_density(problem.nuisance_std)
     return FrameResult(
         FITTED,
         mean,
@@ -329,10 +329,9 @@ def one_step(problem: Problem, at: Array, weights: Array) -> FrameResult:
     )
 
 
-def log_density(precision: Array) -> float:
+def log_density(stds: Array) -> float:
     """Return the logarithm of the density of the nuisances' prior at its mean, without 2 pi."""
-    factor, log = precision.copy(), 0.0
-    cholesky(factor)
-    for i in range(len(factor)):
-        log += np.log(factor[i, i])
+    log = 0.0
+    for std in stds:
+        log -= np.log(std)
     return log

@@ -92,7 +92,6 @@ class ImageFit:
         self._pose_prior = pose_prior(scene)
         # What the evidence of all frames leaves out of the pose's prior.
         self._log_prior = -float(np.log(self._pose_prior[1]).sum()) - LOG_2PI
-        self._pose_precision = np.diag(1 / np.square(self._pose_prior[1]))
         self._unobservable_variance = (UNOBSERVABLE * self._pose_prior[1]) ** 2
         self.guide = guide_of(model, candidates, float(-ndtri(max_misfit)))
         self.run(compiled)
@@ -114,8 +113,7 @@ class ImageFit:
                 frame = compilation.entry(ready, kind.problem, *example)
         lineariser, linear = Lineariser(model, constants.names, self._write_linear), None
         if model.scene.lamps:
-            writing = self._pose_precision, self._write_linear
-            linear = LinearModel(model, kinds, constants.names, *writing)
+            linear = LinearModel(model, kinds, constants.names, self._write_linear)
         self._kinds, self._linearise, self._frame = kinds, lineariser, frame
         self._hypotheses = Hypotheses(model, frame, linear, self.guide)
         self._no_lamp = None if model.scene.lamps else NoLamp(model, kinds)
@@ -178,8 +176,8 @@ class ImageFit:
             near = self.near(image.readings, at, image.roll, main.frame.weights)
             if len(stds) and clear > 0:
                 # A clear frame takes as exact what only many images determine; it is not.
-                prior = self._pose_precision, main.problem.nuisance_precision
-                slopes = stds * near.pose_slopes(*prior, self._constants.gain_std)
+                fitted = np.concatenate([main.problem.pose_std, main.problem.nuisance_std])
+                slopes = stds * near.pose_slopes(fitted, self._constants.gain_std)
                 covariance = covariance + clear * slopes @ slopes.T
         # A reading at full scale says only how little the light is at least, which is not linear.
         if near and not (clear > CLEAR and image.readings.max() < self._model.noise.high):

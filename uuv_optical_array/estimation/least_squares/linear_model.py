@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-from uuv_optical_array.core.geometry import Array, rolled
+from uuv_optical_array.core.geometry import rolled
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
 from uuv_optical_array.estimation.least_squares.frame import (
     DISTINCT,
@@ -27,7 +27,6 @@ class LinearModel:
     """Makes the images of one scene linear about their fits.
 
     - constants: their names.
-    - pose_precision: inverse covariance of the pose's prior.
     - write: as of `Lineariser`.
     """
 
@@ -36,13 +35,11 @@ class LinearModel:
         model: ForwardModel,
         kinds: Sequence[FrameKind],
         constants: Sequence[str],
-        pose_precision: Array,
         write: Callable[..., None],
     ) -> None:
         names = list(dict.fromkeys([*constants, *(name for kind in kinds for name in kind.names)]))
         self._linearise = Lineariser(model, names, write)
         self._size, self._roll = 5 + len(names), 5 + names.index(ROLL) if ROLL in names else None
-        self._pose_precision = pose_precision
         # Of each kind, by its unknowns, where pose and unknowns are among all, and pose and roll
         # among its own.
         self._columns = {
@@ -66,9 +63,8 @@ class LinearModel:
         near = self._linearise(problem.readings, at, problem.roll).believed(frame.weights)
         weighted = near.slopes.T / (near.variances + problem.noise.square * np.square(near.light))
         information = weighted @ near.slopes
-        known = information[columns[:, None], columns]
-        known[:5, :5] += self._pose_precision
-        known[5:, 5:] += problem.nuisance_precision
+        stds = np.concatenate([problem.pose_std, problem.nuisance_std])
+        known = information[columns[:, None], columns] + np.diag(stds**-2.0)
         _, covariance, failed = dposv(known, np.eye(len(columns)))
         outcome = frame.outcome
         if failed or not np.isfinite(covariance).all():

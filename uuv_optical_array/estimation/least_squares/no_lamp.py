@@ -36,7 +36,7 @@ class NoLamp:
         for kind in kinds:
             among = [names.index(name) for name in names if name in kind.names]
             own = [kind.names.index(names[i]) for i in among]
-            self._daylight.append((slopes[among], kind.problem.nuisance_precision[own, own]))
+            self._daylight.append((slopes[among], kind.problem.nuisance_std[own] ** -2.0))
 
     def most(self, readings: Array) -> float:
         """Return what `log_evidence` does not exceed, in a tenth of its time."""

@@ -56,8 +56,7 @@ class Problem(NamedTuple):
 
     - optics, noise, frame: of the scene.
     - pose_mean, pose_std: of the prior of the pose, m and rad, shape ``(5,)`` each.
-    - nuisance_mean, nuisance_precision: of the prior of the nuisances, ``(q,)`` and ``(q, q)``.
-    - reach: longest step of a fit by coordinate, shape ``(p,)``.
+    - nuisance_mean, nuisance_std: of the prior of the nuisances, shape ``(q,)`` each.
     - spans: where the readings that each unknown changes begin and end, shape ``(p, 2)``.
     - dark_counts: up to which a reading may show no lamp, only daylight and noise.
     - readings: counts, finite, shape ``(n,)``.
@@ -71,8 +70,7 @@ class Problem(NamedTuple):
     pose_mean: Array
     pose_std: Array
     nuisance_mean: Array
-    nuisance_precision: Array
-    reach: Array
+    nuisance_std: Array
     spans: Any
     dark_counts: float
     readings: Array
@@ -121,8 +119,7 @@ def problem_of(
         np.array(pose_mean, dtype=float),
         np.array(pose_std, dtype=float),
         np.zeros(len(nuisance_std)),
-        np.diag(1 / np.square(nuisance_std)),
-        np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std]),
+        nuisance_std,
         spans,
         _dark_counts(model, stds),
         np.zeros(count),
@@ -230,25 +227,25 @@ def evaluate(problem: Problem, at: Array) -> State:
             slope *= precision
             for s in range(5):
                 parts[INFORMATION + q, s] += slope * pose_slopes[i, s]
-    cost += nuisance_cost(problem.nuisance_mean, problem.nuisance_precision, at)
+    cost += nuisance_cost(problem, at)
     for i in range(5, size):
-        pull = 0.0
-        for j in range(5, size):
-            precision = problem.nuisance_precision[i - 5, j - 5]
-            pull += precision * (at[j] - problem.nuisance_mean[j - 5])
-            parts[INFORMATION + i, j] += precision
-        parts[GRADIENT, i] -= pull
+        precision = 1 / problem.nuisance_std[i - 5] ** 2
+        parts[GRADIENT, i] -= (at[i] - problem.nuisance_mean[i - 5]) * precision
+        parts[INFORMATION + i, i] += precision
     return State(cost, log_volume, parts)
 
 
-def nuisance_cost(mean: Array, precision: Array, at: Array) -> float:
+def nuisance_cost(problem: Problem, at: Array) -> float:
     """Return the negative logarithm of the nuisances' prior, without constants."""
     cost = 0.0
-    for i in range(len(mean)):
-        off = at[5 + i] - mean[i]
-        for j in range(len(mean)):
-            cost += 0.5 * off * precision[i, j] * (at[5 + j] - mean[j])
+    for i in range(len(problem.nuisance_mean)):
+        cost += 0.5 * ((at[5 + i] - problem.nuisance_mean[i]) / problem.nuisance_std[i]) ** 2
     return cost
+
+
+def longest_step(problem: Problem, i: int) -> float:
+    """Return the longest step of a fit in a coordinate, or in a nuisance, from 5 on."""
+    return MAX_STEP if i < 5 else 2 * problem.nuisance_std[i - 5]
 
 
 def write_volume_slopes(frame: CoordinateFrame, lamp: Any, lamp_slopes: Any, parts: Any) -> None:
@@ -284,7 +281,7 @@ def propose(problem: Problem, state: State, damping: float) -> tuple[Array, floa
             decrement += 0.5 * there[i] * there[i]
         solve_upper(factor, there)
         for i in range(size):
-            excess = max(excess, abs(there[i]) / problem.reach[i])
+            excess = max(excess, abs(there[i]) / longest_step(problem, i))
     else:
         for i in range(size):
             there[i] = 0.0
@@ -353,5 +350,5 @@ def misfit(problem: Problem, at: Array) -> float:
         squares += total(weights[j] * (off * off / spread))
         mean += total(weights[j] * square)
         variance += total(weights[j] * around)
-    squares += 2 * nuisance_cost(problem.nuisance_mean, problem.nuisance_precision, at)
+    squares += 2 * nuisance_cost(problem, at)
     return chi_square_score(squares, mean, variance)

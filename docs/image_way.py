@@ -133,7 +133,7 @@ def costs(left: float, top: float, paths: Sequence[Sequence], least: float) -> l
 
 def attitudes(left: float, top: float, problem: Problem, minimum) -> list[str]:
     """Return the posterior of the attitude at the nodes by which it is integrated."""
-    lattice = new_lattice(minimum.parts.shape[1])
+    lattice = new_lattice(len(minimum.at))
     integrate(problem, minimum, lattice)
     nodes = np.degrees(lattice.poses[:, 3:])[lattice.logs > -np.inf]
     logs = lattice.logs[lattice.logs > -np.inf]

@@ -13,13 +13,8 @@ from scipy.stats import chi2
 
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.least_squares.problem import (
-    AT,
-    GRADIENT,
-    INFORMATION,
     MAX_STEP,
     MOST_STEPS,
-    POSE,
-    VOLUME_SLOPES,
     evaluate,
     light_at,
     problem_of,
@@ -172,7 +167,7 @@ def test_cost_gradient_and_information_are_those_of_the_posterior_of_the_pose(ef
     def check(pose, roll, seed, scale):
         problem, at = any_place(fit, pose, roll, seed, scale)
         state, light = evaluate(problem, at), fit.light(pose, roll, at[5:])
-        np.testing.assert_allclose(state.parts[POSE, :5], pose, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(state.pose, pose, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(light_at(problem, at), light, rtol=1e-9)
 
         def pose_at(x):
@@ -186,17 +181,17 @@ def test_cost_gradient_and_information_are_those_of_the_posterior_of_the_pose(ef
         assert off == pytest.approx(cost(at + 0.01) - here, rel=1e-6, abs=1e-6 * max(1, abs(here)))
         slopes = differentiate(cost, at, 5e-5)
         np.testing.assert_allclose(
-            -state.parts[GRADIENT], slopes, rtol=1e-5, atol=1e-6 * np.abs(slopes).max() + 1e-6
+            -state.gradient, slopes, rtol=1e-5, atol=1e-6 * np.abs(slopes).max() + 1e-6
         )
         volumes = differentiate(lambda x: np.array(to_lamp(problem.frame, x, roll)[2]), at)
-        assert_close(state.parts[VOLUME_SLOPES, :5], volumes[:5])
+        assert_close(state.volume_slopes, volumes[:5])
         of_light = differentiate(lambda x: fit.light(pose_at(x), roll, x[5:]), at)
         of_pose = differentiate(pose_at, at)
         expected = of_light.T * fit.told(problem.readings, light) @ of_light
         expected += (of_pose.T / TABLE**2) @ of_pose
         expected += np.diag([*np.zeros(5), *(std**-2 for std in fit.stds.values())])
         scale = np.outer(*2 * [1 / np.sqrt(expected.diagonal())])
-        np.testing.assert_allclose(state.parts[INFORMATION:] * scale, expected * scale, atol=2e-4)
+        np.testing.assert_allclose(state.information * scale, expected * scale, atol=2e-4)
 
     check()
 
@@ -225,12 +220,12 @@ def test_the_fit_ends_where_scipys_optimiser_does_and_at_its_cost(counts, roll, 
     for pose, readings in zip(*drawn(model, 2, 11, roll), strict=True):
         problem, truth = fit.of(readings, roll), fit.at(pose, roll)
         best = refine(problem, truth, MOST_STEPS)
-        ours = fit.cost(readings, best.parts[POSE, :5], roll, best.parts[AT][5:])
-        whole, cost = own_minimum(fit, readings, best.parts[POSE, :5], roll)
+        ours = fit.cost(readings, best.pose, roll, best.at[5:])
+        whole, cost = own_minimum(fit, readings, best.pose, roll)
         # A cost of 1e-3 above the minimum is a twentieth of a standard deviation.
         assert -1e-6 <= ours - cost < 2e-3
-        off = fit.at(whole[:5], roll, whole[5:]) - best.parts[AT]
-        assert off @ best.parts[INFORMATION:] @ off < 0.02
+        off = fit.at(whole[:5], roll, whole[5:]) - best.at
+        assert off @ best.information @ off < 0.02
         theirs = fit.cost(readings, pose, roll, truth[5:])
         assert evaluate(problem, truth).cost - best.cost == pytest.approx(theirs - ours, abs=2e-3)
 
@@ -250,8 +245,8 @@ def test_starts_a_metre_and_fifteen_degrees_off_arrive(roll, stds, shape):
         best = refine(problem, fit.at(pose, roll), MOST_STEPS)
         for start in pose + reach * rng.choice([-1, 1], (3, 5)):
             found = refine(problem, fit.at(start, roll), MOST_STEPS)
-            off = found.parts[AT] - best.parts[AT]
-            near = off @ best.parts[INFORMATION:] @ off < 0.1
+            off = found.at - best.at
+            near = off @ best.information @ off < 0.1
             arrived.append(near if far else found.cost < best.cost + 1e-3)
     assert np.mean(arrived) > 0.95
 
@@ -265,9 +260,9 @@ def test_an_offset_of_the_scene_is_found_and_its_error_is_as_said(name):
     for pose, offset in zip(drawn(model, 60, 17)[0], drawn_offsets, strict=True):
         readings = model.read(fit.light(pose, 0.0, [offset]), rng)
         best = refine(fit.of(readings), fit.at(pose), MOST_STEPS)
-        off = best.parts[AT] - fit.at(pose, 0.0, [offset])
-        squares.append(off @ best.parts[INFORMATION:] @ off)
-        found.append(best.parts[AT][5])
+        off = best.at - fit.at(pose, 0.0, [offset])
+        squares.append(off @ best.information @ off)
+        found.append(best.at[5])
     assert chi2.ppf(1e-4, 6 * 60) < np.sum(squares) < chi2.isf(1e-4, 6 * 60)
     if name in ("lamp.power", "ambient.level_counts"):
         assert np.corrcoef(found, drawn_offsets)[0, 1] > 0.3
@@ -282,12 +277,12 @@ def test_a_step_is_that_of_the_damped_model_and_never_beyond_its_reach(damping):
         problem = fit.of(readings)
         for share in (0.01, 1.0):
             state = evaluate(problem, fit.at(pose + share * np.array([2, 0.3, 0.3, 0.3, 0.3])))
-            pull, damped = state.parts[GRADIENT], state.parts[INFORMATION:].copy()
+            pull, damped = state.gradient, state.information.copy()
             damped[np.diag_indices(8)] *= 1 + damping
             step = np.linalg.solve(damped, pull)
             excess = max(1.0, (np.abs(step) / reach).max())
             there, decrement = propose(problem, state, damping)
-            np.testing.assert_allclose(there - state.parts[AT], step / excess, rtol=1e-6, atol=1e-9)
+            np.testing.assert_allclose(there - state.at, step / excess, rtol=1e-6, atol=1e-9)
             assert decrement == pytest.approx(0.5 * step @ pull, rel=1e-6)
             shortened.append(excess > 1)
     assert 0 < np.mean(shortened) < 1
@@ -296,10 +291,10 @@ def test_a_step_is_that_of_the_damped_model_and_never_beyond_its_reach(damping):
 def test_where_there_is_no_step_it_is_said():
     fit = Fit(model_of())
     state = evaluate(fit.of(np.full(25, 100.0)), fit.at(MIDDLE))
-    state.parts[INFORMATION:][:] = -np.eye(5)
+    state.information[:] = -np.eye(5)
     there, decrement = propose(fit.problem, state, 0.0)
     assert np.isnan(decrement)
-    np.testing.assert_array_equal(there, state.parts[AT])
+    np.testing.assert_array_equal(there, state.at)
 
 
 def test_what_only_one_lamp_has_is_told_by_the_readings_of_that_lamp_alone():
@@ -313,9 +308,9 @@ def test_what_only_one_lamp_has_is_told_by_the_readings_of_that_lamp_alone():
         assert (problem.spans != everywhere).any(axis=1).sum() == sum(
             name.startswith("lamps.") for name in kind.names
         )
-        told, whole = (evaluate(p, at).parts for p in (problem, problem._replace(spans=everywhere)))
-        np.testing.assert_allclose(told[GRADIENT], whole[GRADIENT], rtol=1e-9)
-        told, whole = told[INFORMATION:], whole[INFORMATION:]
+        told, whole = (evaluate(p, at) for p in (problem, problem._replace(spans=everywhere)))
+        np.testing.assert_allclose(told.gradient, whole.gradient, rtol=1e-9)
+        told, whole = told.information, whole.information
         np.testing.assert_allclose(told, whole, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
 
 

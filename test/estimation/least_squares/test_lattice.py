@@ -18,7 +18,6 @@ from uuv_optical_array.estimation.least_squares.posterior import (
     laplace,
 )
 from uuv_optical_array.estimation.least_squares.problem import (
-    INFORMATION,
     MOST_STEPS,
     evaluate,
     problem_of,
@@ -50,7 +49,7 @@ def test_all_but_the_attitude_is_where_the_posterior_of_the_pose_is_largest(shap
     for _ in range(3):  # one step leaves what is second order
         write_node(problem, evaluate(problem, lattice.ats[0]), lattice, 0)
     rest = [i for i in range(7) if i not in (PITCH, YAW)]
-    information = evaluate(problem, start).parts[INFORMATION:][np.ix_(rest, rest)]
+    information = evaluate(problem, start).information[np.ix_(rest, rest)]
     spread = np.linalg.cholesky(np.linalg.inv(information))
 
     def density(steps):

@@ -14,7 +14,6 @@ from uuv_optical_array.estimation.least_squares.misfit import (
     residual_moments,
 )
 from uuv_optical_array.estimation.least_squares.problem import (
-    AT,
     MOST_STEPS,
     misfit,
     problem_of,
@@ -78,7 +77,7 @@ def scores(gain_std, gain_off, count=400, power_off=0.0):
         light = model.light(POSE, 0.0, offsets)
         light = light * (1 + gain_off * rng.standard_normal(light.shape))
         of_image = problem._replace(readings=model.read(light, rng).ravel())
-        found.append(misfit(of_image, refine(of_image, start, MOST_STEPS).parts[AT]))
+        found.append(misfit(of_image, refine(of_image, start, MOST_STEPS).at))
     return found
 
 

@@ -10,8 +10,6 @@ from scipy.stats import chi2
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.estimation.information.likelihood import log_likelihood
 from uuv_optical_array.estimation.least_squares.problem import (
-    AT,
-    INFORMATION,
     MOST_STEPS,
     problem_of,
     refine,
@@ -62,8 +60,8 @@ def chain_moments(scene, readings, pose, roll, steps):
     frame, one = problem.frame, problem._replace(readings=readings, roll=roll)
     with np.errstate(all="ignore"):
         best = refine(one, from_pose(frame, np.array(pose), roll), MOST_STEPS)
-    factor = np.linalg.cholesky(np.linalg.inv(best.parts[INFORMATION:]))
-    start = best.parts[AT] + np.random.default_rng(1).normal(size=(WALKERS, 5)) @ factor.T
+    factor = np.linalg.cholesky(np.linalg.inv(best.information))
+    start = best.at + np.random.default_rng(1).normal(size=(WALKERS, 5)) @ factor.T
 
     def log_density(coordinates):
         # The volume is compared with differences in test_coordinates.py.

@@ -18,9 +18,6 @@ from uuv_optical_array.estimation.least_squares.frame import (
 )
 from uuv_optical_array.estimation.least_squares.hypotheses import Image
 from uuv_optical_array.estimation.least_squares.problem import (
-    AT,
-    GRADIENT,
-    INFORMATION,
     evaluate,
     light_at,
     lit,
@@ -85,8 +82,10 @@ def test_the_problem_of_few_readings_is_that_of_all_without_the_others():
     weights[guide.readings] = 1
     own, other = evaluate(few, at), evaluate(problem._replace(weights=weights), at)
     assert own.cost == pytest.approx(other.cost, rel=1e-9)
-    for rows in (GRADIENT, slice(INFORMATION, None)):
-        told, wanted = own.parts[rows], other.parts[rows]
+    for told, wanted in (
+        (own.gradient, other.gradient),
+        (own.information, other.information),
+    ):
         np.testing.assert_allclose(told, wanted, rtol=1e-7, atol=1e-9 * np.abs(wanted).max())
     np.testing.assert_allclose(light_at(few, at), light_at(problem, at)[guide.readings])
 
@@ -146,7 +145,7 @@ def test_a_fit_of_a_large_array_ends_where_all_of_its_readings_have_their_minimu
     problem = image.problem(kinds_of(model)[0])
     found = estimate_frame(problem, guide, BELIEVED, NOWHERE, NOTHING).best
     best = evaluate(problem, np.append(start_at(problem, found[:5])[:5], found[5:]))
-    pull, information = best.parts[GRADIENT], best.parts[INFORMATION:]
+    pull, information = best.gradient, best.information
     assert pull @ np.linalg.solve(information, pull) < 0.1  # in squared standard deviations
     # It is no worse than what the true pose and sea lead to.
     truth = np.append(start_at(problem, POSE)[:5], list(sea.values()))
@@ -161,7 +160,7 @@ def test_a_narrow_valley_that_bends_is_followed_in_few_steps(sign):
     state = evaluate(problem, truth)
     longest = np.array([longest_step(problem, i) for i in range(len(truth))])
     scale = np.outer(longest, longest)
-    _, axes = np.linalg.eigh(state.parts[INFORMATION:] * scale)
+    _, axes = np.linalg.eigh(state.information * scale)
     before = problem.evaluations
     best = settle(problem, truth + sign * longest * axes[:, 0])
     assert best.cost == pytest.approx(state.cost, abs=0.02)
@@ -178,8 +177,8 @@ def test_a_step_that_ends_beside_a_bent_valley_is_not_taken_back_at_once():
     for image, pose in zip(model.expose(poses, rng, offsets=seas), poses, strict=True):
         problem = CountedProblem(*Image(image.ravel(), 0.0).problem(clear))
         few = thinned(problem, guide.readings, guide.blur)
-        start = refine(few, start_at(few, pose)).parts[AT]
+        start = refine(few, start_at(few, pose)).at
         problem.evaluations = 0
         best = settle(problem, start)
         assert 1 < problem.evaluations <= 7
-        assert best.cost < refine(problem, best.parts[AT], 300).cost + 0.05
+        assert best.cost < refine(problem, best.at, 300).cost + 0.05

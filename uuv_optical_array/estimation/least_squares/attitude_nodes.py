@@ -12,11 +12,6 @@ from uuv_optical_array.core.geometry import PITCH, YAW, Array
 from uuv_optical_array.core.numerics.elementwise import law, zeros
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.least_squares.problem import (
-    AT,
-    GRADIENT,
-    INFORMATION,
-    POSE_SLOPES,
-    VOLUME_SLOPES,
     Problem,
     State,
     evaluate,
@@ -102,15 +97,25 @@ def write_node(problem: Problem, state: State, lattice: Lattice, node: int) -> N
 
 def rest_of_the_way(problem: Problem, state: State, damping: float) -> Array:
     """Return where a damped step towards the conditional mean leads, shape ``(p,)``."""
-    parts = state.parts.copy()
+    gradient, information = state.gradient.copy(), state.information.copy()
     for i in range(5):
-        parts[GRADIENT, i] += parts[VOLUME_SLOPES, i]
+        gradient[i] += state.volume_slopes[i]
     for i in (PITCH, YAW):
-        parts[GRADIENT, i] = 0.0
-        for j in range(parts.shape[1]):
-            parts[INFORMATION + i, j] = parts[INFORMATION + j, i] = 0.0
-        parts[INFORMATION + i, i] = 1.0
-    there, _ = propose(problem, State(state.cost, state.log_volume, parts), damping)
+        gradient[i] = 0.0
+        for j in range(len(gradient)):
+            information[i, j] = information[j, i] = 0.0
+        information[i, i] = 1.0
+    held = State(
+        state.cost,
+        state.at,
+        gradient,
+        information,
+        state.pose,
+        state.pose_slopes,
+        state.log_volume,
+        state.volume_slopes,
+    )
+    there, _ = propose(problem, held, damping)
     return there
 
 
@@ -124,20 +129,19 @@ def ordered(place: int, rest: int) -> int:
 
 def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) -> float:
     """Integrate all but the attitude by Laplace's approximation about a state."""
-    parts = state.parts
-    size = parts.shape[1]
+    size = len(state.at)
     rest = size - 2
     factor, vectors = zeros(size, size, state.cost), zeros(3, size, state.cost)
     pull, column = vectors[0, :rest], vectors[1, :rest]
     for i in range(size):
         k = ordered(i, rest)
-        slope = parts[GRADIENT, k]
+        slope = state.gradient[k]
         if k < 5:
-            slope += parts[VOLUME_SLOPES, k]
+            slope += state.volume_slopes[k]
         vectors[0, i] = slope
         for j in range(i + 1):
-            factor[i, j] = parts[INFORMATION + k, ordered(j, rest)]
-        lattice.ats[node, i] = parts[AT, i]
+            factor[i, j] = state.information[k, ordered(j, rest)]
+        lattice.ats[node, i] = state.at[i]
     if not cholesky(factor):
         lattice.logs[node] = -np.inf
         return 0.0
@@ -171,16 +175,16 @@ def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) 
     for i in range(rest):
         lattice.ats[node, ordered(i, rest)] += pull[i] / excess
     # At an attitude the pose follows where the lamp is and how bright.
-    write_covariance(parts, factor, rest, lattice.covariances[node])
+    write_covariance(state.pose_slopes[:, :3], factor[:rest], lattice.covariances[node])
     if is_row(lattice):
-        decrement += integrate_across(problem, parts, lattice, node)
+        decrement += integrate_across(problem, state, lattice, node)
     _, pose, _ = to_lamp(problem.frame, lattice.ats[node], problem.roll)
     for i in range(5):
         lattice.poses[node, i] = pose[i]
     return decrement
 
 
-def integrate_across(problem: Problem, parts: Array, lattice: Lattice, node: int) -> float:
+def integrate_across(problem: Problem, state: State, lattice: Lattice, node: int) -> float:
     """Integrate a node across the row that it is of, as `integrate_rest` does all else."""
     m, n = lattice.across[0], lattice.across[1]
     moved, slopes, curvatures = lattice.moved[node], lattice.slopes[node], lattice.curvatures[node]
@@ -194,13 +198,13 @@ def integrate_across(problem: Problem, parts: Array, lattice: Lattice, node: int
     lattice.logs[node] += min(decrement, SETTLED) - 0.5 * np.log(known)
     pull /= max(1.0, abs(pull) / longest_step(problem, PITCH))
     turned = zeros(1, 5, known)
-    for i in range(parts.shape[1]):
+    for i in range(len(state.at)):
         off = m * moved[0, i] + n * moved[1, i]
         along = n * moved[0, i] - m * moved[1, i] - ratio * off
         lattice.ats[node, i] += pull * off
         moved[0, i], moved[1, i] = n * along, -m * along
         for k in range(5):
-            turned[0, k] += parts[POSE_SLOPES + k, i] * off if i < 5 else 0.0
+            turned[0, k] += state.pose_slopes[k, i] * off if i < 5 else 0.0
     for k in range(5):
         for i in range(5):
             lattice.covariances[node, k, i] += turned[0, k] * turned[0, i] / known
@@ -209,12 +213,16 @@ def integrate_across(problem: Problem, parts: Array, lattice: Lattice, node: int
     return decrement
 
 
-def write_covariance(parts: Array, factor: Array, count: int, covariance: Array) -> None:
-    """Write the covariance of the pose by the factor of its information, of all or all else."""
-    spread = zeros(5, count, parts[AT, 0])
+def write_covariance(pose_slopes: Array, factor: Array, covariance: Array) -> None:
+    """Write the covariance of the pose by its slopes and the factor of the information.
+
+    - pose_slopes: by the first unknowns of the information, on which alone the pose depends.
+    """
+    count = len(factor)
+    spread = zeros(5, count, factor[0, 0])
     for i in range(5):
-        for k in range(5 + count - parts.shape[1]):
-            spread[i, k] = parts[POSE_SLOPES + i, k]
+        for k in range(pose_slopes.shape[1]):
+            spread[i, k] = pose_slopes[i, k]
         solve_lower(factor, spread[i])
         for j in range(i + 1):
             shared = 0.0

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import partition
 from uuv_optical_array.estimation.least_squares.problem import (
-    AT,
     Problem,
     light_at,
     lit,
@@ -139,7 +138,7 @@ def fit_believed(problem: Problem, at: Array, squares: Array) -> tuple[float, Ar
     for _ in range(TURNS):
         change, added = weigh(squares, heat, weights)
         state = refine(problem, at, STEPS)
-        at, total = state.parts[AT].copy(), state.cost + added
+        at, total = state.at, state.cost + added
         write_squares(readings, light_at(problem, at), noise, squares)
         if heat == 1 and change < SETTLED:
             break
@@ -192,7 +191,7 @@ def disbelieve(problem: Problem, guide: Guide) -> tuple[Array, float]:
             continue
         for j in range(len(weights)):
             weights[j] = best[j] if j % detectors != d else 0.0
-        there = refine(problem, at, STEPS).parts[AT].copy()
+        there = refine(problem, at, STEPS).at
         cost, there = fit_believed(problem, there, squares)
         if cost < least and out_of(weights, detectors) <= most:
             least, best, at = cost, weights.copy(), there

@@ -21,11 +21,8 @@ from uuv_optical_array.estimation.least_squares.posterior import (
     laplace,
 )
 from uuv_optical_array.estimation.least_squares.problem import (
-    AT,
     FEW_STEPS,
-    INFORMATION,
     MOST_STEPS,
-    POSE,
     Problem,
     State,
     evaluate,
@@ -102,12 +99,12 @@ class FrameResult(NamedTuple):
 
 def is_near(at: Array, known: State) -> bool:
     """Say whether coordinates are within `DISTINCT` standard deviations of a minimum."""
-    parts, distance = known.parts, 0.0
+    distance = 0.0
     for i in range(len(at)):
         shared = 0.0
         for j in range(len(at)):
-            shared += parts[INFORMATION + i, j] * (at[j] - parts[AT, j])
-        distance += (at[i] - parts[AT, i]) * shared
+            shared += known.information[i, j] * (at[j] - known.at[j])
+        distance += (at[i] - known.at[i]) * shared
     return bool(distance < DISTINCT * DISTINCT)
 
 
@@ -116,7 +113,7 @@ def insert(minima: list[State], state: State) -> None:
     if not np.isfinite(state.cost):
         return
     for i in range(len(minima)):
-        if is_near(state.parts[AT], minima[i]):
+        if is_near(state.at, minima[i]):
             if state.cost < minima[i].cost:
                 minima[i] = state
             break
@@ -157,7 +154,7 @@ def find_minima(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> li
     minima = found[:0]
     for state in found:
         if state.cost - found[0].cost < NEGLIGIBLE:
-            insert(minima, settle(problem, state.parts[AT]))
+            insert(minima, settle(problem, state.at))
     return minima
 
 
@@ -188,18 +185,18 @@ def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> list[St
         return minima
     found, minima = minima[:FOLLOWED], minima[:0]
     for state in found:
-        insert(minima, refine(problem, state.parts[AT], MOST_STEPS))
+        insert(minima, refine(problem, state.at, MOST_STEPS))
     return minima
 
 
 def score_of(problem: Problem, minima: list[State]) -> float:
     """Return the misfit of the best of minima; inf where there is none."""
-    return misfit(problem, minima[0].parts[AT]) if len(minima) > 0 else np.inf
+    return misfit(problem, minima[0].at) if len(minima) > 0 else np.inf
 
 
 def posterior_about(problem: Problem, minima: list[State]) -> PosteriorMoments:
     """Return the moments of the posterior that is connected with the best minimum that has any."""
-    lattice = new_lattice(minima[0].parts.shape[1])
+    lattice = new_lattice(len(minima[0].at))
     moments = integrate(problem, minima[0], lattice)
     for i in range(1, len(minima)):
         if not np.isfinite(moments.log_weight):
@@ -211,7 +208,7 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
     """Widen a covariance to cover minima about as likely as the best; returns whether it had to."""
     wider = False
     for state in minima:
-        off = state.parts[POSE, :5] - pose
+        off = state.pose - pose
         factor, weighed = covariance.copy(), off.copy()
         if state.cost - minima[0].cost > RIVAL or not cholesky(factor):
             continue
@@ -266,8 +263,8 @@ def estimate_frame(
     score = score_of(problem, minima)
     if len(minima) > 0:
         for i in range(len(at)):
-            at[i] = minima[0].parts[POSE if i < 5 else AT, i]
-        coordinates = minima[0].parts[AT, :5].copy()
+            at[i] = minima[0].pose[i] if i < 5 else minima[0].at[i]
+        coordinates = minima[0].at[:5].copy()
         outcome = MISFIT
         if score <= guide.max_score:
             outcome = FITTED
@@ -281,8 +278,8 @@ def estimate_frame(
             if not np.isfinite(evidence) or not cholesky(covariance.copy()):
                 outcome = NO_COVARIANCE
             if len(minima) > 1:
-                runner_up = minima[1].parts[POSE, :5].copy()
-                runner_up_score = misfit(problem, minima[1].parts[AT])
+                runner_up = minima[1].pose
+                runner_up_score = misfit(problem, minima[1].at)
     return FrameResult(
         outcome,
         pose,

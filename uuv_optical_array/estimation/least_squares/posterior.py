@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import PITCH, Array
-from uuv_optical_array.core.numerics.elementwise import borrowed, zeros
+from uuv_optical_array.core.numerics.elementwise import borrowed
 from uuv_optical_array.core.numerics.linear_algebra import cholesky
 from uuv_optical_array.estimation.least_squares.attitude_nodes import (
     Lattice,
@@ -33,8 +33,6 @@ from uuv_optical_array.estimation.least_squares.attitude_nodes import (
     write_start,
 )
 from uuv_optical_array.estimation.least_squares.problem import (
-    INFORMATION,
-    POSE,
     Problem,
     State,
     evaluate,
@@ -241,21 +239,17 @@ def by_nine_nodes(
 
 def laplace(state: State) -> PosteriorMoments:
     """Return the moments of a posterior by Laplace's approximation about a minimum."""
-    parts = state.parts
-    size = parts.shape[1]
-    factor, covariance = zeros(size, size, state.cost), np.empty((5, 5))
-    for i in range(size):
-        for j in range(i + 1):
-            factor[i, j] = parts[INFORMATION + i, j]
+    size = len(state.at)
+    factor, covariance = state.information.copy(), np.empty((5, 5))
     if not cholesky(factor):
         covariance[:] = np.nan
-        return PosteriorMoments(-np.inf, parts[POSE, :5].copy(), covariance, 0)
+        return PosteriorMoments(-np.inf, state.pose, covariance, 0)
     # As of a lattice, whose sum is over the attitude.
     log_weight = state.log_volume - state.cost + LOG_2PI
     for i in range(size):
         log_weight -= np.log(factor[i, i])
-    write_covariance(parts, factor, size, covariance)
-    return PosteriorMoments(log_weight, parts[POSE, :5].copy(), covariance, 0)
+    write_covariance(state.pose_slopes, factor, covariance)
+    return PosteriorMoments(log_weight, state.pose, covariance, 0)
 
 
 def integrate(problem: Problem, minimum: State, given: Lattice) -> PosteriorMoments:

@@ -10,6 +10,7 @@ from numpy import sqrt
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.numerics.elementwise import (
     indices,
+    stack,
     total,
     workspace,
     zeros,
@@ -47,8 +48,6 @@ ARRIVED = 5e-3
 SLIGHT, UPHILL = 1e-6, 6
 UNUSUAL = 3.09  # a score that one valid image of a thousand exceeds
 LIT_SHARE = 0.02  # of the brightest reading, below which daylight may be all that a reading shows
-# Rows of the parts of a state.
-AT, GRADIENT, POSE, VOLUME_SLOPES, POSE_SLOPES, INFORMATION = 0, 1, 2, 3, 4, 9
 
 
 class Problem(NamedTuple):
@@ -82,16 +81,23 @@ class State(NamedTuple):
     """The posterior at one place.
 
     - cost: negative log-posterior of the pose, without constants.
+    - at: coordinates and nuisances, shape ``(p,)``.
+    - gradient: of the log-posterior, shape ``(p,)``.
+    - information: of Gauss and Newton, prior included, shape ``(p, p)``.
+    - pose: m and rad, shape ``(5,)``.
+    - pose_slopes: of the pose by the coordinates, shape ``(5, 5)``.
     - log_volume: logarithm of the volume of poses that a unit volume of the coordinates holds.
-    - parts: all else, in rows as above, as one array is made and freed faster than six: coordinates
-      and nuisances; slopes of the opposite of the cost; pose, m and rad; slopes of `log_volume`;
-      five rows of the pose's slopes by the coordinates; information of Gauss-Newton, prior
-      included. Shape ``(9 + p, p)``.
+    - volume_slopes: of that by the coordinates, shape ``(5,)``.
     """
 
     cost: float
+    at: Array
+    gradient: Array
+    information: Array
+    pose: Array
+    pose_slopes: Array
     log_volume: float
-    parts: Array
+    volume_slopes: Array
 
 
 def problem_of(
@@ -164,9 +170,11 @@ def start_at(problem: Problem, pose: Array) -> Array:
     return start
 
 
-def normal_equations(image: Any, likelihood: Any, spans: Any, parts: Any) -> None:
+def normal_equations(
+    image: Any, likelihood: Any, spans: Any, gradient: Array, information: Array
+) -> None:
     """Write what readings say to gradient and information."""
-    size, n = parts.shape[1], image.shape[1]
+    size, n = len(gradient), image.shape[1]
     weighted = workspace(1, likelihood[0, 0], n)
     for q in range(size):
         start, stop = spans[q, 0], spans[q, 1]
@@ -175,13 +183,12 @@ def normal_equations(image: Any, likelihood: Any, spans: Any, parts: Any) -> Non
         for j in indices(stop - start):
             pull += total(score[j] * own[j])
             line[j] = curvature[j] * own[j]
-        parts[GRADIENT, q] = pull
+        gradient[q] = pull
         for s in range(q + 1):
             known, other = 0.0, image[1 + s, start:stop]
             for j in indices(stop - start):
                 known += total(line[j] * other[j])
-            parts[INFORMATION + q, s] = known
-            parts[INFORMATION + s, q] = known
+            information[q, s] = information[s, q] = known
 
 
 def evaluate(problem: Problem, at: Array) -> State:
@@ -209,30 +216,35 @@ def evaluate(problem: Problem, at: Array) -> State:
         cost -= total(likelihood[0, j])
     if not possible:
         cost = np.inf
-    parts = np.empty((INFORMATION + size, size))
-    normal_equations(image, likelihood, problem.spans, parts)
-    write_volume_slopes(frame, lamp, lamp_slopes, parts)
-    for i in range(size):
-        parts[AT, i] = at[i]
+    gradient, information = np.empty(size), np.empty((size, size))
+    normal_equations(image, likelihood, problem.spans, gradient, information)
     # The prior is another five readings, of the pose, and some of the nuisances.
     for i in range(5):
-        parts[POSE, i] = pose[i]
         precision = 1 / std[i]
         off = (pose[i] - mean[i]) * precision
         cost += 0.5 * off * off
         for q in range(5):
-            parts[POSE_SLOPES + i, q] = pose_slopes[i, q]
             slope = pose_slopes[i, q] * precision
-            parts[GRADIENT, q] -= off * slope
+            gradient[q] -= off * slope
             slope *= precision
             for s in range(5):
-                parts[INFORMATION + q, s] += slope * pose_slopes[i, s]
+                information[q, s] += slope * pose_slopes[i, s]
     cost += nuisance_cost(problem, at)
     for i in range(5, size):
         precision = 1 / problem.nuisance_std[i - 5] ** 2
-        parts[GRADIENT, i] -= (at[i] - problem.nuisance_mean[i - 5]) * precision
-        parts[INFORMATION + i, i] += precision
-    return State(cost, log_volume, parts)
+        gradient[i] -= (at[i] - problem.nuisance_mean[i - 5]) * precision
+        information[i, i] += precision
+    volume_slopes = slopes_of_volume(frame, lamp, lamp_slopes)
+    return State(
+        cost,
+        at.copy(),
+        gradient,
+        information,
+        stack(*pose),
+        pose_slopes,
+        log_volume,
+        volume_slopes,
+    )
 
 
 def nuisance_cost(problem: Problem, at: Array) -> float:
@@ -248,8 +260,9 @@ def longest_step(problem: Problem, i: int) -> float:
     return MAX_STEP if i < 5 else 2 * problem.nuisance_std[i - 5]
 
 
-def write_volume_slopes(frame: CoordinateFrame, lamp: Any, lamp_slopes: Any, parts: Any) -> None:
-    """Write the slopes of `coordinates.to_lamp`'s `log_volume` to the parts of a `State`."""
+def slopes_of_volume(frame: CoordinateFrame, lamp: Any, lamp_slopes: Any) -> Array:
+    """Return the slopes of `coordinates.to_lamp`'s `log_volume`, shape ``(5,)``."""
+    slopes = np.empty(5)
     x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
     range_m = sqrt(x * x + y * y + z * z)
     level = max(1 - (z / range_m) ** 2, 1e-18)
@@ -259,19 +272,16 @@ def write_volume_slopes(frame: CoordinateFrame, lamp: Any, lamp_slopes: Any, par
         radial = (x * u + y * v + z * w) / range_m
         # ln cos e is half of ln (1 - (z / r)^2).
         risen = (w - z / range_m * radial) / range_m
-        parts[VOLUME_SLOPES, q] = by_range * radial - z / range_m * risen / level
+        slopes[q] = by_range * radial - z / range_m * risen / level
+    return slopes
 
 
 def propose(problem: Problem, state: State, damping: float) -> tuple[Array, float]:
     """Return the damped Gauss-Newton step from a state, and its decrement; nan: there is none."""
-    parts = state.parts
-    size = parts.shape[1]
-    factor, there = zeros(size, size, damping), np.empty(size)
+    size = len(state.at)
+    factor, there = state.information.copy(), state.gradient.copy()
     for i in range(size):
-        there[i] = parts[GRADIENT, i]
-        for j in range(i):
-            factor[i, j] = parts[INFORMATION + i, j]
-        factor[i, i] = parts[INFORMATION + i, i] * (1 + damping)
+        factor[i, i] *= 1 + damping
     decrement = np.nan
     excess = 1.0
     if cholesky(factor):
@@ -286,7 +296,7 @@ def propose(problem: Problem, state: State, damping: float) -> tuple[Array, floa
         for i in range(size):
             there[i] = 0.0
     for i in range(size):
-        there[i] = parts[AT, i] + there[i] / excess
+        there[i] = state.at[i] + there[i] / excess
     return there, decrement
 
 

@@ -27,6 +27,7 @@ from uuv_optical_array.estimation.least_squares.misfit import chi_square_score, 
 from uuv_optical_array.estimation.unknowns.coordinates import (
     CoordinateFrame,
     frame_of,
+    from_centre,
     from_pose,
     to_lamp,
     write_slopes,
@@ -209,8 +210,8 @@ def evaluate(problem: Problem, at: Array) -> State:
         for j in indices(n):
             likelihood[i, j] *= weights[j]
     # A vehicle does not stand on its tail, and its body hides a lamp behind its array.
-    x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
-    possible = abs(pose[PITCH]) < STEEPEST and x > -0.5 * sqrt(x * x + y * y + z * z)
+    ahead, _, _, range_m = from_centre(frame, lamp)
+    possible = abs(pose[PITCH]) < STEEPEST and ahead > -0.5 * range_m
     cost = 0.0
     for j in indices(n):
         cost -= total(likelihood[0, j])
@@ -263,8 +264,7 @@ def longest_step(problem: Problem, i: int) -> float:
 def slopes_of_volume(frame: CoordinateFrame, lamp: Any, lamp_slopes: Any) -> Array:
     """Return the slopes of `coordinates.to_lamp`'s `log_volume`, shape ``(5,)``."""
     slopes = np.empty(5)
-    x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
-    range_m = sqrt(x * x + y * y + z * z)
+    x, y, z, range_m = from_centre(frame, lamp)
     level = max(1 - (z / range_m) ** 2, 1e-18)
     by_range = 2 / range_m + 1 / (range_m * range_m * (1 / range_m + 0.5 * frame.k_per_m))
     for q in range(5):

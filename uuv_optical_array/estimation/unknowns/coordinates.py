@@ -135,41 +135,35 @@ def off_beam(sight: Any, source: Any) -> tuple[Any, Any]:
     return off_axis(cosine, 0.5 * dot(off, off) / (1 + abs(cosine)), 1.0)
 
 
-@law
-def beam_loss(frame: CoordinateFrame, sight: Any, source: Any) -> tuple[Any, Any]:
-    """Return ``eta^2 / (4 sigma^2)`` and its slope by -cos(eta), of unit vectors."""
-    half_square, turn = off_beam(sight, source)
-    scale = 0.5 / (frame.beam_sigma_rad * frame.beam_sigma_rad)
-    return scale * half_square, scale * turn
+def from_centre(frame: CoordinateFrame, lamp: Any) -> tuple[Any, Any, Any, Any]:
+    """Return where a lamp is from the array's centre, three components, and its range, m."""
+    x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
+    return x, y, z, maximum(sqrt(x * x + y * y + z * z), 1e-9)
 
 
-def further_loss(frame: CoordinateFrame, sight: Any, source: Any) -> tuple[Any, Any, Any]:
-    """Return by how much a beam of three Gaussians takes more than the one of `beam_loss`.
+def beam_loss(frame: CoordinateFrame, sight: Any, source: Any) -> tuple[Any, Any, Any]:
+    """Return half of what the beam takes from the logarithm of the light, of unit vectors.
 
-    The loss is half of what it takes from the logarithm of the light. Then come the slopes of that,
-    by -cos(eta) and by the logarithm of eta.
+    It is ``eta^2 / (4 sigma^2)`` of one Gaussian. Then come its slopes by -cos(eta) and ln(eta).
     """
     half_square, turn = off_beam(sight, source)
-    sigma = frame.beam_sigma_rad
-    beam, slope = radiance(half_square, sigma, frame.gaussians)
-    scale, further = 0.5 / (sigma * sigma), -0.5 * log(maximum(beam, LEAST_BEAM))
-    steeper = -0.5 * slope - scale
-    return further - scale * half_square, steeper * turn, 2 * steeper * half_square
+    slope = 0.5 / (frame.beam_sigma_rad * frame.beam_sigma_rad)
+    loss = slope * half_square
+    if frame.gaussians.shape[1] > 1:
+        beam, by_half_square = radiance(half_square, frame.beam_sigma_rad, frame.gaussians)
+        loss, slope = -0.5 * log(maximum(beam, LEAST_BEAM)), -0.5 * by_half_square
+    return loss, slope * turn, 2 * slope * half_square
 
 
 def from_pose(frame: CoordinateFrame, pose: Any, roll: Any) -> Any:
     """Return the coordinates, shape ``(5, ...)``, of a pose with a roll, rad."""
-    lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp_in_body(pose, roll)
-    x, y, z = lamp_x - frame.centre_x, lamp_y - frame.centre_y, lamp_z - frame.centre_z
-    range_m = maximum(sqrt(x * x + y * y + z * z), 1e-9)
+    lamp = lamp_in_body(pose, roll)
+    x, y, z, range_m = from_centre(frame, lamp)
     sight = (x / range_m, y / range_m, z / range_m)
-    source = (-axis_x, -axis_y, -axis_z)
-    loss, _ = beam_loss(frame, sight, source)
+    source = (-lamp[3], -lamp[4], -lamp[5])
+    loss, _, _ = beam_loss(frame, sight, source)
     azimuth, elevation = directions(*sight)
     log_attenuation = log(range_m) + 0.5 * frame.k_per_m * range_m + loss
-    if frame.gaussians.shape[1] > 1:
-        further, _, _ = further_loss(frame, sight, source)
-        log_attenuation = log_attenuation + further
     if frame.share > 0:
         source_azimuth, source_elevation = directions(*source)
         azimuth = azimuth - frame.share * source_azimuth
@@ -187,11 +181,8 @@ def to_lamp(frame: CoordinateFrame, at: Any, roll: Any) -> tuple[Any, Any, Any]:
     azimuth, elevation = sight_angles(frame, at, ahead)
     cos_e = cos(elevation)
     sight = (cos_e * cos(azimuth), cos_e * sin(azimuth), sin(elevation))
-    loss, _ = beam_loss(frame, sight, ahead)
+    loss, _, _ = beam_loss(frame, sight, ahead)
     log_attenuation = at[LOG_ATTENUATION] - loss
-    if frame.gaussians.shape[1] > 1:
-        further, _, _ = further_loss(frame, sight, ahead)
-        log_attenuation = log_attenuation - further
     if frame.share > 0:
         log_attenuation = log_attenuation + 0.5 * log(maximum(sight[0], LEAST_FACING))
     range_m = attenuated_range(log_attenuation, frame.k_per_m)
@@ -211,8 +202,7 @@ def write_slopes(
     """Write slopes of `to_lamp`'s lamp and pose into zeros, ``(6, 5, ...)`` and ``(5, 5, ...)``."""
     rows = rotation(at[PITCH], at[YAW], roll)
     ahead, aside, _ = rows
-    x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
-    range_m = sqrt(x * x + y * y + z * z)
+    x, y, z, range_m = from_centre(frame, lamp)
     sight = (x / range_m, y / range_m, z / range_m)
     by_pitch = pitched((lamp[3], lamp[4], lamp[5]), roll)
     for i in range(3):
@@ -232,10 +222,7 @@ def write_slopes(
             rise = frame.share * rise
             for i in range(3):
                 slopes[i, q] = slopes[i, AZIMUTH] * swing + slopes[i, ELEVATION] * rise
-    _, ratio = beam_loss(frame, sight, ahead)
-    if frame.gaussians.shape[1] > 1:
-        _, steeper, _ = further_loss(frame, sight, ahead)
-        ratio = ratio + steeper
+    _, ratio, _ = beam_loss(frame, sight, ahead)
     facing = 0.0 * range_m
     if frame.share > 0:
         facing = choose(sight[0] > LEAST_FACING, 0.5 / maximum(sight[0], LEAST_FACING), 0.0)

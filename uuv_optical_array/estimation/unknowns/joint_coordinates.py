@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy import sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation, wrapped
 from uuv_optical_array.core.numerics import compilation
@@ -23,8 +22,8 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     LOG_ATTENUATION,
     CoordinateFrame,
     beam_loss,
+    from_centre,
     from_pose,
-    further_loss,
     to_lamp,
     write_slopes,
 )
@@ -82,15 +81,10 @@ def write_place(joint: Joint, coordinates: Any, at: Any, slopes: Any) -> None:
     lamp, pose, _ = to_lamp(frame, own, 0.0)
     lamp_slopes, by_pose = zeros(6, 5, own[0]), zeros(5, 5, own[0])
     write_slopes(frame, own, 0.0, lamp, lamp_slopes, by_pose)
-    x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
-    range_m = sqrt(x * x + y * y + z * z)
+    x, y, z, range_m = from_centre(frame, lamp)
     ahead, _, _ = rotation(own[PITCH], own[YAW], 0.0)
     sight = x / range_m, y / range_m, z / range_m
-    loss, _ = beam_loss(frame, sight, ahead)
-    swell = 2 * loss
-    if frame.gaussians.shape[1] > 1:
-        _, _, more = further_loss(frame, sight, ahead)
-        swell = swell + more
+    _, _, swell = beam_loss(frame, sight, ahead)
     for i in range(5):
         at[i] = pose[i]
         for q in range(5):

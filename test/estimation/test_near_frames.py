@@ -165,9 +165,5 @@ def test_no_start_by_signature_leads_to_the_likeliest_pose(harbour, truth, image
     assert (distance(harbour, readings.reshape(5, 5), np.array(truth)) < 6).all()
     # A fit that is told the truth finds none that is likelier.
     fit = fit_of(harbour)
-    guide = fit.guide
-    told = guide._replace(
-        poses=np.tile(truth, (2, 1)), units=np.ascontiguousarray(guide.units[:, :2]), gaussian=True
-    )
-    found, best = (-ndtri(fit(readings, guide=start).misfit) for start in (None, told))
+    found, best = (-ndtri(fit(readings, match=start).misfit) for start in (None, np.array(truth)))
     assert found < best + 0.5

@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from fits import CountedGuide, frame_of, guide_from, guide_to, kinds_of, writer_of_fits
+from fits import frame_of, guide_to, kinds_of, writer_of_fits
 from scenes import changed, squared_error, with_prior
 from scipy.integrate import trapezoid
 
@@ -13,7 +13,13 @@ from uuv_optical_array.core.geometry import rolled, turned_about_beam
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOTHING, NOWHERE, ONE_STEP
+from uuv_optical_array.estimation.least_squares import frame as one_frame
+from uuv_optical_array.estimation.least_squares.frame import (
+    BELIEVED,
+    NOTHING,
+    ONE_STEP,
+    find_minima,
+)
 from uuv_optical_array.estimation.least_squares.image_fit import CLEAR, ImageFit
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
 from uuv_optical_array.estimation.least_squares.problem import light_at, start_at
@@ -172,14 +178,21 @@ def test_a_lamp_that_shines_alone_among_several_gets_no_pose(estimator, lit):
         estimator.estimate(dark)
 
 
-def test_no_search_with_all_lamps_where_one_is_dark(estimator):
-    rng, guide = np.random.default_rng(7), CountedGuide(*guide_to(MODEL))
+def test_no_search_with_all_lamps_where_one_is_dark(estimator, monkeypatch):
+    rng, starts = np.random.default_rng(7), []
+
+    def find(problem, guide, poses, few):
+        starts.append(len(poses))
+        return find_minima(problem, guide, poses, few)
+
+    monkeypatch.setattr(one_frame, "find_minima", find)
     image, _, _ = drawn(rng)
     image[:5] = MODEL.read(np.full((5, 5), MODEL.noise.black), rng)
-    fit = ImageFit(MODEL, estimator.constants, guide.candidates, 1e-5, compiled=False)
-    assert fit(image.ravel().astype(float), guide=guide).dark_lamp == 0
-    # That one is without it; all lamps together are fitted from where that leads.
-    assert guide.frames == 1
+    fit = ImageFit(MODEL, estimator.constants, 3, 1e-5, compiled=False)
+    assert fit(image.ravel().astype(float)).dark_lamp == 0
+    # The search is without it; all lamps together are fitted from where that leads.
+    assert starts[0] == 3
+    assert set(starts[1:]) == {1}
 
 
 def test_key_parameters_of_a_sum_beyond_full_scale_are_believed(estimator):
@@ -198,12 +211,12 @@ POSE = np.array([-5.5, 0.3, -0.2, 0.1, -0.15])
 @pytest.fixture(scope="module")
 def clear_fit(estimator):
     """Return what fits a clear frame, problem and way, from the true pose, beside its kind."""
-    kinds, guide = kinds_of(MODEL), guide_from(guide_to(MODEL), POSE)
+    kinds, guide = kinds_of(MODEL), guide_to(MODEL)
     names, write = estimator.constants.names, writer_of_fits()
     linear = LinearModel(MODEL, kinds, names, write)
     frame = frame_of(kinds[0].problem, guide)
 
-    def fitted(problem, way=BELIEVED, place=NOWHERE):
+    def fitted(problem, way=BELIEVED, place=POSE):
         found = frame(problem, guide, way, place, NOTHING)
         return found if way == ONE_STEP else linear.about(kinds[0], problem, found)[0]
 
@@ -235,8 +248,7 @@ def test_odds_are_those_of_an_integral_over_what_is_more_unknown(clear_fit, name
     stds = problem.nuisance_std.copy()
     stds[at] = np.hypot(stds[at], std)
     wider = problem._replace(nuisance_std=stds)
-    place = np.concatenate([frame.coordinates, frame.best[5:]])
-    near = fitted(wider, ONE_STEP, place)
+    near = fitted(wider, ONE_STEP, frame.best)
     # As good as linear: one linear step is to choose what is fitted.
     found = near.log_evidence - frame.linear_log_evidence
     assert found == pytest.approx(wanted, rel=0.1, abs=0.3)

@@ -2,7 +2,6 @@
 
 import functools
 
-import numpy as np
 from scipy.special import ndtri
 
 from uuv_optical_array.core.numerics import compilation
@@ -17,7 +16,7 @@ from uuv_optical_array.estimation.least_squares.frame import (
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit, pose_prior
 from uuv_optical_array.estimation.least_squares.problem import Problem
-from uuv_optical_array.estimation.least_squares.starts import Guide, guide_of
+from uuv_optical_array.estimation.least_squares.starts import guide_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
@@ -30,12 +29,6 @@ def kinds_of(model):
 def guide_to(model, candidates=EstimatorSettings.candidates):
     """Return where fits of a model's scene start from."""
     return guide_of(model, candidates, float(-ndtri(EstimatorSettings.max_misfit)))
-
-
-def guide_from(guide, pose):
-    """Return the guide of a fit from one pose."""
-    units, roots = guide.units[:, :2].copy(), guide.roots[:, :0].copy()
-    return guide._replace(poses=np.tile(pose, (2, 1)), units=units, roots=roots, candidates=1)
 
 
 def frame_of(problem, guide):
@@ -78,14 +71,3 @@ class CountedProblem(Problem):
     def pose_mean(self):
         self.evaluations += 1
         return tuple(self)[Problem._fields.index("pose_mean")]
-
-
-class CountedGuide(Guide):
-    """A guide that counts the frames fitted by it, each of which reads once how good is enough."""
-
-    frames = 0
-
-    @property
-    def max_score(self):
-        self.frames += 1
-        return tuple(self)[Guide._fields.index("max_score")]

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Annotated, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dposv
 
 from uuv_optical_array.core.errors import NoPose as NoPose
@@ -250,12 +250,10 @@ class Estimator:
         check_parameters(parameters, self._bounds)
         if fits:
             return self._fit(self._readings(image), roll, uneven)
-        match, rows, poses = self._match(self.table.vectors(parameters), roll)
+        match, level = self._match(self.table.vectors(parameters), roll)
         if image is None:
             return match
-        # From the match itself, and from its neighbours only where it leads nowhere.
-        near = rows[:MOST_STARTS], poses[:MOST_STARTS]
-        return self._verified(match, *near, self._readings(image), roll, uneven)
+        return self._verified(match, level, self._readings(image), roll, uneven)
 
     def check_shape(self, image: ArrayLike | None) -> None:
         """Raise `NoPose` for what is no image of the scene's array."""
@@ -280,8 +278,8 @@ class Estimator:
             raise NoPose("no pattern: no detector reads more than darkness and less than full")
         return readings
 
-    def _match(self, vector: Array, roll: float) -> tuple[Estimate, NDArray[np.intp], Array]:
-        """Estimate by the nearest rows of the table; return these too, nearest first, level."""
+    def _match(self, vector: Array, roll: float) -> tuple[Estimate, Array]:
+        """Estimate by the nearest rows of the table; return the pose of the nearest, level, too."""
         count = self.settings.neighbours
         index = self.table.index
         angles, rows = index.nearest(vector, count)
@@ -302,13 +300,12 @@ class Estimator:
         spread = poses - pose
         covariance = spread.T @ spread / len(poses) + self._cell
         match = Estimate(pose, covariance, float(angles[0]), poses[1], float(angles[1]))
-        return match, rows, level
+        return match, level[0]
 
     def _verified(
         self,
         match: Estimate,
-        rows: NDArray[np.intp],
-        poses: Array,
+        level: Array,
         readings: Array,
         roll: float,
         uneven: float | None,
@@ -317,15 +314,8 @@ class Estimator:
 
         Where no fit from the match explains the image, one from the usual starts has the answer.
         """
-        near = self._fit.guide._replace(
-            units=np.ascontiguousarray(self.table.index.units(rows).T),
-            poses=poses,
-            roots=self._fit.guide.roots[:, :0].copy(),
-            candidates=1,
-            gaussian=True,
-        )
         try:
-            fitted = self._fit(readings, roll, uneven, near)
+            fitted = self._fit(readings, roll, uneven, level)
         except NoPose:  # perhaps of the match alone, as beside a faulty detector
             return self._fit(readings, roll, uneven)
         off = wrapped(match.pose - fitted.pose)

@@ -4,12 +4,12 @@ Starts from the rows of a table that look alike, the minima that they lead to, t
 posterior about the best: all in one call, which compiled code does not leave.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.numerics.elementwise import borrowed
+from uuv_optical_array.core.numerics.elementwise import borrowed, stack
 from uuv_optical_array.core.numerics.gauss_newton import first_damping
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.information.linearised import write_linear
@@ -41,7 +41,7 @@ from uuv_optical_array.estimation.least_squares.starts import (
     rows_alike,
 )
 from uuv_optical_array.estimation.least_squares.thinned import thinned
-from uuv_optical_array.estimation.unknowns.coordinates import to_lamp
+from uuv_optical_array.estimation.unknowns.coordinates import from_pose, to_lamp
 
 # Fewer lit detectors than these fit many poses, and this many starts are tried for them.
 FEW_LIT, MOST_STARTS = 13, 64
@@ -58,8 +58,8 @@ LONG_STEPS = 2
 FOLLOWED = 16
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
-# How a frame is estimated: from the guide's starts, with all readings or with weights by their
-# residuals; or by one linear step; or only linearised.
+# How a frame is estimated: with all readings, or with weights by their residuals; or by one linear
+# step; or only linearised.
 BELIEVED, DOUBTED, ONE_STEP, LINEARISED = range(4)
 NOWHERE: Array = np.empty(0)
 NOTHING: Array = np.empty((0, 0))
@@ -74,9 +74,8 @@ class FrameResult(NamedTuple):
     - best: pose and nuisances of the best minimum, shape ``(p,)``.
     - log_evidence: of likelihood times prior, integrated, less what all kinds have in common.
     - linear_log_evidence: the same by Laplace's approximation about the best minimum.
-    - coordinates: of `best`, shape ``(5,)``.
     - runner_up: pose of the next minimum; nan where there is none.
-    - angle, runner_up_angle: spectral angles to the two nearest rows, rad.
+    - angles: spectral angles to the nearest rows, nearest first, at least two, rad.
     - weights: of the readings, shape ``(n,)``.
     - wider: whether the covariance had to be wider to cover a minimum about as likely as the best.
     """
@@ -87,14 +86,12 @@ class FrameResult(NamedTuple):
     score: float
     runner_up: Array
     runner_up_score: float
-    angle: float
-    runner_up_angle: float
+    angles: Array
     best: Array
     log_evidence: float
     linear_log_evidence: float
-    coordinates: Array
     weights: Array
-    wider: bool = False
+    wider: bool
 
 
 def is_near(at: Array, known: State) -> bool:
@@ -141,16 +138,17 @@ def descend(problem: Problem, minima: list[State], start: Array, steps: int) -> 
     insert(minima, state)
 
 
-def find_minima(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> list[State]:
-    """Return the minima, best first.
+def find_minima(problem: Problem, guide: Guide, starts: Array, few: bool) -> list[State]:
+    """Return the minima that poses lead to, best first.
 
     Those of a large array are found by few of its detectors, and refined by all.
 
-    - unit, nearest: direction of the image, and the rows nearest to it, as many as candidates.
+    - starts: poses of level followers, shape ``(k, 5)``.
+    - few: whether few detectors are lit.
     """
     if len(guide.readings) == len(problem.readings):
-        return search(problem, guide, unit, nearest)
-    found = search_few(thinned(problem, guide.readings, guide.blur), guide, unit, nearest)
+        return search(problem, starts, few)
+    found = search_few(thinned(problem, guide.readings, guide.blur), starts, few)
     minima = found[:0]
     for state in found:
         if state.cost - found[0].cost < NEGLIGIBLE:
@@ -159,39 +157,30 @@ def find_minima(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> li
 
 
 def minimum_from(problem: Problem, start: Array) -> list[State]:
-    """Return the minimum that one start leads to, as `find_minima` does."""
+    """Return the minimum that coordinates and nuisances lead to; none where there is none."""
     minima = [refine(problem, start, MOST_STEPS)]
     if not np.isfinite(minima[0].cost):
         minima.clear()
     return minima
 
 
-def search_few(given: Problem, guide: Guide, unit: Array, nearest: Any) -> list[State]:
-    """Return the minima that `search` finds by readings that the problem alone holds."""
-    return search(borrowed(given), guide, unit, nearest)
+def search_few(given: Problem, starts: Array, few: bool) -> list[State]:
+    """Return the minima that `search` finds; the caller keeps the arrays that are borrowed."""
+    return search(borrowed(given), starts, few)
 
 
-def search(problem: Problem, guide: Guide, unit: Array, nearest: Any) -> list[State]:
-    """Return what `find_minima` does, by the readings that the guide is of."""
-    few = not guide.gaussian and lit(problem.readings, problem) < FEW_LIT
-    rows, count, steps = nearest, guide.candidates, MOST_STEPS
-    if few:
-        count, steps = min(MOST_STARTS, guide.units.shape[1]), FEW_STEPS
-        rows = rows_alike(problem.readings, guide, unit, count)
-    minima = minimum_from(problem, start_at(problem, guide.poses[rows[0]]))
-    for i in range(1, count):
-        descend(problem, minima, start_at(problem, guide.poses[rows[i]]), steps)
+def search(problem: Problem, starts: Array, few: bool) -> list[State]:
+    """Return what `find_minima` does, by all readings of a problem."""
+    steps = FEW_STEPS if few else MOST_STEPS
+    minima = minimum_from(problem, start_at(problem, starts[0]))
+    for i in range(1, len(starts)):
+        descend(problem, minima, start_at(problem, starts[i]), steps)
     if not few:
         return minima
     found, minima = minima[:FOLLOWED], minima[:0]
     for state in found:
         insert(minima, refine(problem, state.at, MOST_STEPS))
     return minima
-
-
-def score_of(problem: Problem, minima: list[State]) -> float:
-    """Return the misfit of the best of minima; inf where there is none."""
-    return misfit(problem, minima[0].at) if len(minima) > 0 else np.inf
 
 
 def posterior_about(problem: Problem, minima: list[State]) -> PosteriorMoments:
@@ -235,7 +224,8 @@ def estimate_frame(
     - way: `BELIEVED`; `DOUBTED`: readings may be faulty, and those of the problem and the weights
       are written; `ONE_STEP`: what one linear step from a place leads to, by its Gaussian;
       `LINEARISED`: nothing, but `write_linear` writes.
-    - place: coordinates and nuisances, or pose and nuisances, shape ``(p,)``, or `NOWHERE`.
+    - place: pose and nuisances, shape ``(p,)``; of `BELIEVED` the pose of a level follower alone to
+      start from, ``(5,)``, or `NOWHERE`: where the guide says.
     - linear: what is written, shape ``(4 + p, n)``, or `NOTHING`.
     """
     problem, guide = borrowed(given), borrowed(to_start)
@@ -244,85 +234,99 @@ def estimate_frame(
         return None
     if way == ONE_STEP:
         return one_step(problem, place, given.weights)
-    unknown = np.full((5, 5 + len(problem.nuisance_mean)), np.nan)
-    nothing, covariance, at = unknown[0, :5].copy(), unknown[:, :5].copy(), unknown[0].copy()
-    coordinates: Any = nothing
-    outcome, pose, evidence, by_laplace, log_faulty = NO_START, nothing, -np.inf, -np.inf, 0.0
-    runner_up, runner_up_score, wider = nothing, np.nan, False
-    there: Any = at
+    start, log_faulty = place, 0.0
     if way == DOUBTED:
-        there, log_faulty = disbelieve(problem, guide)
+        start, log_faulty = disbelieve(problem, guide)
     unit = direction(problem.readings, guide)
-    nearest, chords = nearest_rows(guide.units, unit, max(guide.candidates, 2))
-    angle = 2 * np.arcsin(min(0.5 * chords[0], 1.0))
-    second_angle = 2 * np.arcsin(min(0.5 * chords[1], 1.0))
+    rows, chords = nearest_rows(guide.units, unit, max(guide.candidates, 2))
+    angles = 2 * np.arcsin(np.minimum(0.5 * chords, 1.0))
     if way == DOUBTED:
-        minima = minimum_from(problem, there)
+        minima = minimum_from(problem, start)
     else:
-        minima = find_minima(problem, guide, unit, nearest)
-    score = score_of(problem, minima)
+        kept = problem.readings[guide.readings]
+        few = not guide.gaussian and lit(kept, problem) < FEW_LIT
+        starts = guide.poses[rows[: guide.candidates]]
+        if len(place) > 0:
+            starts = place.reshape(1, 5)
+        elif few:
+            starts = guide.poses[rows_alike(kept, guide, unit, MOST_STARTS)]
+        minima = find_minima(problem, guide, starts, few)
+    return result_of(problem, guide, minima, angles, log_faulty, given.weights)
+
+
+def result_of(
+    problem: Problem,
+    guide: Guide,
+    minima: list[State],
+    angles: Array,
+    log_faulty: float,
+    weights: Array,
+) -> FrameResult:
+    """Return what a frame leaves of the pose, by the minima of its cost, best first.
+
+    - log_faulty: logarithm of the probability of what the weights leave out.
+    """
+    nothing: Array = np.full(5, np.nan)
+    covariance: Array = np.full((5, 5), np.nan)
+    best: Array = np.full(5 + len(problem.nuisance_mean), np.nan)
+    score, outcome = np.inf, NO_START
+    pose, evidence, by_laplace, wider = nothing, -np.inf, -np.inf, False
+    runner_up, runner_up_score = nothing, np.nan
     if len(minima) > 0:
-        for i in range(len(at)):
-            at[i] = minima[0].pose[i] if i < 5 else minima[0].at[i]
-        coordinates = minima[0].at[:5].copy()
-        outcome = MISFIT
-        if score <= guide.max_score:
-            outcome = FITTED
-            moments, density = laplace(minima[0]), log_density(problem.nuisance_std)
-            by_laplace = moments.log_weight + density
-            if not guide.gaussian:
-                moments = posterior_about(problem, minima)
-            pose, evidence = moments.mean, moments.log_weight + density + log_faulty
-            covariance = moments.covariance
-            wider = cover(minima, pose, covariance)
-            if not np.isfinite(evidence) or not cholesky(covariance.copy()):
-                outcome = NO_COVARIANCE
-            if len(minima) > 1:
-                runner_up = minima[1].pose
-                runner_up_score = misfit(problem, minima[1].at)
+        best = minima[0].at.copy()
+        best[:5] = minima[0].pose
+        score, outcome = misfit(problem, minima[0].at), MISFIT
+    if score <= guide.max_score:
+        moments, density = laplace(minima[0]), log_density(problem.nuisance_std)
+        by_laplace = moments.log_weight + density
+        if not guide.gaussian:
+            moments = posterior_about(problem, minima)
+        pose, evidence = moments.mean, moments.log_weight + density + log_faulty
+        covariance = moments.covariance
+        wider = cover(minima, pose, covariance)
+        sound = np.isfinite(evidence) and cholesky(covariance.copy())
+        outcome = FITTED if sound else NO_COVARIANCE
+        if len(minima) > 1:
+            runner_up, runner_up_score = minima[1].pose, misfit(problem, minima[1].at)
     return FrameResult(
-        outcome,
-        pose,
-        covariance,
-        score,
-        runner_up,
-        runner_up_score,
-        angle,
-        second_angle,
-        at,
-        evidence,
-        by_laplace,
-        coordinates,
-        given.weights,
-        wider,
+        outcome=outcome,
+        pose=pose,
+        covariance=covariance,
+        score=score,
+        runner_up=runner_up,
+        runner_up_score=runner_up_score,
+        angles=angles,
+        best=best,
+        log_evidence=evidence,
+        linear_log_evidence=by_laplace,
+        weights=weights,
+        wider=wider,
     )
 
 
-def one_step(problem: Problem, at: Array, weights: Array) -> FrameResult:
-    """Return the Gaussian that one linear step from a place, ``(p,)``, leads to, as a frame."""
+def one_step(problem: Problem, place: Array, weights: Array) -> FrameResult:
+    """Return the Gaussian that one linear step from pose and nuisances leads to, as a frame."""
+    at = place.copy()
+    at[:5] = from_pose(problem.frame, place, problem.roll)
     state = evaluate(problem, at)
-    there, decrement = propose(problem, state, 0.0)
+    best, decrement = propose(problem, state, 0.0)
     moments = laplace(state)
-    _, pose, _ = to_lamp(problem.frame, there, problem.roll)
-    best, mean = there.copy(), np.empty(5)
-    for i in range(5):
-        best[i] = mean[i] = pose[i]
+    _, pose, _ = to_lamp(problem.frame, best, problem.roll)
+    best[:5] = stack(*pose)
     log_evidence = moments.log_weight + decrement + log_density(problem.nuisance_std)
     return FrameResult(
-        FITTED,
-        mean,
-        moments.covariance,
-        np.nan,
-        np.full(5, np.nan),
-        np.nan,
-        np.nan,
-        np.nan,
-        best,
-        log_evidence,
-        log_evidence,
-        there[:5].copy(),
-        weights,
-        False,
+        outcome=FITTED,
+        pose=best[:5].copy(),
+        covariance=moments.covariance,
+        score=np.nan,
+        runner_up=np.full(5, np.nan),
+        runner_up_score=np.nan,
+        angles=np.full(2, np.nan),
+        best=best,
+        log_evidence=log_evidence,
+        linear_log_evidence=log_evidence,
+        weights=weights,
+        wider=False,
     )
 
 

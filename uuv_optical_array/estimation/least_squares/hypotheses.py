@@ -40,6 +40,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     lit,
 )
 from uuv_optical_array.estimation.least_squares.starts import Guide
+from uuv_optical_array.estimation.unknowns.coordinates import from_pose
 from uuv_optical_array.forward.model import ForwardModel
 
 # An image is as good as linear where its posterior's mode is within so many standard deviations of
@@ -113,7 +114,7 @@ class Hypotheses:
     - model: the scene's forward model.
     - fit_frame: `estimate_frame`, compiled or not.
     - linear: for several lamps; else ``None``.
-    - guide: where fits start from and how far they go, unless they are told otherwise.
+    - guide: where fits start from, unless they are told otherwise, and how far they go.
     """
 
     def __init__(
@@ -126,27 +127,26 @@ class Hypotheses:
         self._model, self._frame, self._linear, self._guide = model, fit_frame, linear, guide
         self._most_mended = MENDED_BY_SEVERAL if model.scene.lamps else MENDED
 
-    def of(self, image: Image, kinds: list[FrameKind], guide: Guide | None) -> list[Hypothesis]:
+    def of(self, image: Image, kinds: list[FrameKind], match: Array | None) -> list[Hypothesis]:
         """Return the hypotheses of an image by kinds of frame, the clear one first in both.
 
-        - guide: ``None``: that of all images, some of whose detectors may be faulty.
+        - match: as of `ImageFit`; then no detector is taken to be faulty.
         - NoPose: where more than one lamp shows nothing.
         """
-        faults, guide = guide is None, guide or self._guide
+        faults, start = match is None, NOWHERE if match is None else match
         problem = image.problem(kinds[0])
-        dark = self._without_dark_lamp(image, kinds[0], problem, guide) if self._linear else None
+        dark = self._without_dark_lamp(image, kinds[0], problem, start) if self._linear else None
         # Where a lamp is dark, no start with all of them may lead anywhere.
-        start = self._from(dark.frame.best[:5], image.roll) if dark else guide
-        clear = self._hypothesis(kinds[0], problem, start)
+        near = _level(dark, image) if dark else start
+        clear = self._hypothesis(kinds[0], problem, near)
         found = [clear, dark] if dark else [clear]
         if dark and clear.frame.outcome != FITTED:
             return found
-        start = guide
         if faults and clear.frame.score > DOUBTFUL:
             mended = self._mended(image, kinds[0])
             found += mended
             if mended[0].frame.outcome == FITTED:
-                start = self._from(mended[0].frame.best[:5], image.roll)
+                start = _level(mended[0], image)
         if clear.frame.outcome == FITTED:
             for kind in kinds[1:]:
                 beside = self._beside(image, kind, clear)
@@ -162,18 +162,19 @@ class Hypotheses:
         return found
 
     def _hypothesis(
-        self, kind: FrameKind, problem: Problem, guide: Guide, way: int = BELIEVED
+        self, kind: FrameKind, problem: Problem, start: Array, way: int = BELIEVED
     ) -> Hypothesis:
-        frame, near = self._frame(problem, guide, way, NOWHERE, NOTHING), None
-        if self._linear:
+        """Fit a problem from the pose of a level follower, or from `NOWHERE`."""
+        frame, near = self._frame(problem, self._guide, way, start, NOTHING), None
+        if self._linear and frame.outcome == FITTED:
             frame, near = self._linear.about(kind, problem, frame)
         if kind.doubt != 1:
             frame = frame._replace(covariance=kind.doubt * frame.covariance)
         return Hypothesis(kind, problem, frame, near)
 
-    def _uneven(self, kind: FrameKind, problem: Problem, guide: Guide) -> Hypothesis:
+    def _uneven(self, kind: FrameKind, problem: Problem, start: Array) -> Hypothesis:
         """Fit an image as one that is not clear, which must fit as well as most of these."""
-        found = self._hypothesis(kind, problem, guide)
+        found = self._hypothesis(kind, problem, start)
         return found if self._fits(found) else found.refused
 
     def _beside(self, image: Image, kind: FrameKind, clear: Hypothesis) -> Hypothesis | None:
@@ -182,14 +183,14 @@ class Hypotheses:
         One linear step gives its probability, and is enough where that is small.
         """
         problem, at = image.problem(kind), np.zeros(5 + len(kind.names))
-        at[:5], at[5 + kind.shared] = clear.frame.coordinates, clear.frame.best[5:]
+        at[:5], at[5 + kind.shared] = clear.frame.best[:5], clear.frame.best[5:]
         near = self._frame(problem, self._guide, ONE_STEP, at, NOTHING)
         log_odds = math.log(kind.share / clear.kind.share)
         log_odds += near.log_evidence - clear.frame.linear_log_evidence
         if not log_odds > LOG_CONSIDERED:
             return None
         if log_odds > LOG_LIKELY or self._linear:
-            return self._uneven(kind, problem, self._from(clear.frame.best[:5], image.roll))
+            return self._uneven(kind, problem, _level(clear, image))
         odds = near.log_evidence + clear.frame.log_evidence - clear.frame.linear_log_evidence
         frame = clear.frame._replace(pose=near.pose, covariance=near.covariance, log_evidence=odds)
         return Hypothesis(kind, problem, frame, None)
@@ -202,7 +203,7 @@ class Hypotheses:
         problem, lamps = image.problem(kind), self._model.scene.lamp_count
         most, readings = most_faulty(problem), problem.readings.copy()
         problem = problem._replace(readings=readings, weights=np.ones(len(readings)))
-        found = self._hypothesis(kind, problem, self._guide, DOUBTED)
+        found = self._hypothesis(kind, problem, NOWHERE, DOUBTED)
         out = found.frame.weights < 0.5
         if np.count_nonzero(out) > most * lamps:
             return [found.refused]
@@ -212,16 +213,17 @@ class Hypotheses:
         if line.any() and lit(others, problem) >= MOSTLY_LIT * len(others):
             weights = np.where(line, 0.0, found.frame.weights)
             problem = image.problem(kind)._replace(weights=weights)
-            hidden = self._hypothesis(kind, problem, self._guide)
-            more = np.count_nonzero(line & ~out) / lamps
-            light = light_at(problem, np.append(hidden.frame.coordinates, hidden.frame.best[5:]))
+            hidden = self._hypothesis(kind, problem, NOWHERE)
+            more, at = np.count_nonzero(line & ~out) / lamps, hidden.frame.best.copy()
+            at[:5] = from_pose(problem.frame, at, problem.roll)
+            light = light_at(problem, at)
             chance = log_faulty(image.readings, light, problem.noise, weights, lamps)
             # As probable as that its neighbours alone are.
             mended.append(hidden._replace(log_chance=float(chance - more * math.log(FAULTY))))
         return [each if self._fits(each) else each.refused for each in mended]
 
     def _without_dark_lamp(
-        self, image: Image, kind: FrameKind, problem: Problem, guide: Guide
+        self, image: Image, kind: FrameKind, problem: Problem, start: Array
     ) -> Hypothesis | None:
         """Return a clear frame without a lamp that shows nothing, as if it were off or hidden."""
         noise = problem.noise
@@ -236,7 +238,7 @@ class Hypotheses:
         weights = np.ones_like(images)
         weights[dark] = 0.0
         problem = problem._replace(weights=weights.ravel())
-        found = self._hypothesis(kind, problem, guide)
+        found = self._hypothesis(kind, problem, start)
         chance = math.log(LAMP_OFF) - 0.5 * squares[dark]
         return found._replace(log_chance=chance) if self._fits(found) else None
 
@@ -245,10 +247,7 @@ class Hypotheses:
         most = EVEN if found.kind.size > 1 else self._most_mended
         return found.frame.outcome == FITTED and found.frame.score <= most
 
-    def _from(self, pose: Array, roll: float) -> Guide:
-        """Return the guide of a fit from the pose of a follower of this roll."""
-        # The frame turns poses of level followers.
-        poses = np.tile(turned_about_beam(pose, -roll), (2, 1))
-        # Contiguous, else Numba compiles once more.
-        units, roots = self._guide.units[:, :2].copy(), self._guide.roots[:, :0].copy()
-        return self._guide._replace(poses=poses, units=units, roots=roots, candidates=1)
+
+def _level(found: Hypothesis, image: Image) -> Array:
+    """Return the pose that was found, turned about the beam to that of a level follower."""
+    return turned_about_beam(found.frame.best[:5], -image.roll)

@@ -38,7 +38,7 @@ from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
 from uuv_optical_array.estimation.least_squares.no_lamp import NoLamp
 from uuv_optical_array.estimation.least_squares.posterior import LOG_2PI
 from uuv_optical_array.estimation.least_squares.problem import STEEPEST
-from uuv_optical_array.estimation.least_squares.starts import Guide, guide_of
+from uuv_optical_array.estimation.least_squares.starts import guide_of
 from uuv_optical_array.estimation.signature import features
 from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.estimation.unknowns import joint_coordinates
@@ -75,7 +75,6 @@ class ImageFit:
     - model: the scene's forward model; the extent of its table is where the lamp is looked for.
     - constants: what the scene leaves unknown.
     - candidates, max_misfit, compiled: as of `Estimator`.
-    - guide: where fits start from and how far they go, unless they are told otherwise.
     """
 
     def __init__(
@@ -93,7 +92,7 @@ class ImageFit:
         # What the evidence of all frames leaves out of the pose's prior.
         self._log_prior = -float(np.log(self._pose_prior[1]).sum()) - LOG_2PI
         self._unobservable_variance = (UNOBSERVABLE * self._pose_prior[1]) ** 2
-        self.guide = guide_of(model, candidates, float(-ndtri(max_misfit)))
+        self._guide = guide_of(model, candidates, float(-ndtri(max_misfit)))
         self.run(compiled)
 
     def run(self, compiled: bool) -> None:
@@ -107,7 +106,7 @@ class ImageFit:
         if compiled:
             features.prepare(model.array.side)
             joint_coordinates.prepare(constants)
-            example = self.guide, BELIEVED, NOWHERE, NOTHING
+            example = self._guide, BELIEVED, NOWHERE, NOTHING
             ready = compilation.prepare(estimate_frame, kinds[0].problem, *example)
             for kind in kinds:  # all are of the same types
                 frame = compilation.entry(ready, kind.problem, *example)
@@ -115,7 +114,9 @@ class ImageFit:
         if model.scene.lamps:
             linear = LinearModel(model, kinds, constants.names, self._write_linear)
         self._kinds, self._linearise, self._frame = kinds, lineariser, frame
-        self._hypotheses = Hypotheses(model, frame, linear, self.guide)
+        self._hypotheses = Hypotheses(model, frame, linear, self._guide)
+        gaussian = self._guide._replace(gaussian=True)
+        self._about_match = Hypotheses(model, frame, linear, gaussian)
         self._no_lamp = None if model.scene.lamps else NoLamp(model, kinds)
         self.compiled = compiled
 
@@ -132,7 +133,7 @@ class ImageFit:
         problem = self._kinds[0].problem._replace(
             optics=optics, noise=noise, readings=readings, roll=roll
         )
-        self._frame(problem, self.guide, LINEARISED, at, linear)
+        self._frame(problem, self._guide, LINEARISED, at, linear)
 
     @np.errstate(all="ignore")  # of light too dim and places too far for a float64
     def __call__(
@@ -140,17 +141,19 @@ class ImageFit:
         readings: Array,
         roll: float = 0.0,
         uneven: float | None = None,
-        guide: Guide | None = None,
+        match: Array | None = None,
     ) -> Estimate:
         """Fit an image.
 
         - readings: counts, shape ``(m,)``.
         - roll, uneven: as of `Estimator.estimate`.
-        - guide: as of `Hypotheses.of`.
+        - match: pose of a level follower, ``(5,)``, from which alone a fit starts; its posterior is
+          taken as Gaussian. ``None``: from poses of like signature.
         - NoPose: for an image that no pose of the scene explains.
         """
         image, kinds = Image(readings, roll), expecting(self._kinds, uneven)
-        found = self._hypotheses.of(image, kinds, guide)
+        hypotheses = self._hypotheses if match is None else self._about_match
+        found = hypotheses.of(image, kinds, match)
         if self._no_lamp:
             self._check_seen(self._no_lamp, readings, kinds, found)
         return self._together(image, found, uneven is not None)
@@ -187,9 +190,9 @@ class ImageFit:
         return Estimate(
             pose=pose,
             covariance=covariance,
-            angle_rad=result.angle,
+            angle_rad=float(result.angles[0]),
             runner_up_pose=None if math.isnan(result.runner_up_score) else result.runner_up,
-            runner_up_angle_rad=result.runner_up_angle,
+            runner_up_angle_rad=float(result.angles[1]),
             misfit=float(ndtr(-result.score)),
             runner_up_misfit=float(ndtr(-result.runner_up_score)),
             unobservable=tuple(compress(DOF_NAMES, unobservable)),

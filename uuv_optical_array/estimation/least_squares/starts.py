@@ -41,7 +41,7 @@ class Guide(NamedTuple):
 
     - units: directions of signatures, of length one, by columns, shape ``(6, m)``.
     - poses: of these and more, m and rad, shape ``(k, 5)``.
-    - roots: square roots of their readings, by columns, shape ``(n, k)``, or ``(n, 0)``: not known.
+    - roots: square roots of their readings, by columns, shape ``(n, k)``.
     - weights: of the five key parameters, and the constant that is appended, shape ``(6,)``.
     - candidates: rows to start from, unless few detectors are lit; at least `RING` if planar.
     - max_score: score of the misfit beyond which a fit is no pose.
@@ -184,10 +184,12 @@ def roots_of(readings: Array) -> Array:
 
 
 def rows_alike(readings: Array, guide: Guide, unit: Array, count: int) -> Any:
-    """Return the rows of least chord, and between them those whose images are most alike."""
-    rows, _ = nearest_rows(guide.units, unit, count)
-    if guide.roots.shape[1] > 0:
-        alike, _ = nearest_rows(guide.roots, roots_of(readings), count // 2)
-        for k in range(count - 1, 0, -1):
-            rows[k] = alike[k // 2] if k % 2 == 1 else rows[k // 2]
+    """Return rows of least chord, and as many whose images are most alike, by turns.
+
+    They are so many, or as many as have a signature.
+    """
+    rows, _ = nearest_rows(guide.units, unit, min(count, guide.units.shape[1]))
+    alike, _ = nearest_rows(guide.roots, roots_of(readings), len(rows) // 2)
+    for k in range(len(rows) - 1, 0, -1):
+        rows[k] = alike[k // 2] if k % 2 == 1 else rows[k // 2]
     return rows

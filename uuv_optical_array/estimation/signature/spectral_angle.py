@@ -83,13 +83,6 @@ class SpectralIndex:
         self._rows = _tree(self._units).indices.copy()
         self._units = self._units[self._rows]
         self._tree = _tree(self._units)
-        self._places = np.empty_like(self._rows)
-        self._places[self._rows] = np.arange(len(self._rows))
-
-    def units(self, rows: NDArray[np.intp]) -> Array:
-        """Return the unit vectors of rows, shape ``(k, n)``, by their numbers, shape ``(k,)``."""
-        units: Array = self._units[self._places[rows]]
-        return units
 
     def nearest(self, query: ArrayLike, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
         """Find the k rows nearest to a vector, shape ``(n,)``.

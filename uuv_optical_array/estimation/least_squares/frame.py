@@ -21,7 +21,6 @@ from uuv_optical_array.estimation.least_squares.posterior import (
     laplace,
 )
 from uuv_optical_array.estimation.least_squares.problem import (
-    FEW_STEPS,
     MOST_STEPS,
     Problem,
     State,
@@ -51,11 +50,6 @@ DISTINCT = 3.0
 NEGLIGIBLE = 12.0
 # Minima up to this much less likely are covered to `DISTINCT`, however small their evidence.
 RIVAL = 6.0
-# Steps after which the damping restarts: the first ones, from far away, may damp too much.
-LONG_STEPS = 2
-# Near the lamp valleys are long and bent: so many minima of few lit detectors are followed to their
-# end, in more steps.
-FOLLOWED = 16
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
 # How a frame is estimated: with all readings, or with weights by their residuals; or by one linear
@@ -121,13 +115,11 @@ def insert(minima: list[State], state: State) -> None:
             minima[i], minima[i - 1] = minima[i - 1], minima[i]
 
 
-def descend(problem: Problem, minima: list[State], start: Array, steps: int) -> None:
-    """Refine coordinates, unless they lead to one of the minima from above."""
+def descend(problem: Problem, minima: list[State], start: Array) -> None:
+    """Add the minimum that coordinates and nuisances lead to, unless that is soon a known one."""
     state = evaluate(problem, start)
     damping = first_damping(state)
-    for k in range(steps):
-        if k == LONG_STEPS:
-            damping = first_damping(state)
+    for _ in range(MOST_STEPS):
         if damping == 0:
             break
         proposed = propose(problem, state, damping)
@@ -138,17 +130,16 @@ def descend(problem: Problem, minima: list[State], start: Array, steps: int) -> 
     insert(minima, state)
 
 
-def find_minima(problem: Problem, guide: Guide, starts: Array, few: bool) -> list[State]:
+def find_minima(problem: Problem, guide: Guide, starts: Array) -> list[State]:
     """Return the minima that poses lead to, best first.
 
     Those of a large array are found by few of its detectors, and refined by all.
 
     - starts: poses of level followers, shape ``(k, 5)``.
-    - few: whether few detectors are lit.
     """
     if len(guide.readings) == len(problem.readings):
-        return search(problem, starts, few)
-    found = search_few(thinned(problem, guide.readings, guide.blur), starts, few)
+        return search(problem, starts)
+    found = search_few(thinned(problem, guide.readings, guide.blur), starts)
     minima = found[:0]
     for state in found:
         if state.cost - found[0].cost < NEGLIGIBLE:
@@ -164,22 +155,16 @@ def minimum_from(problem: Problem, start: Array) -> list[State]:
     return minima
 
 
-def search_few(given: Problem, starts: Array, few: bool) -> list[State]:
+def search_few(given: Problem, starts: Array) -> list[State]:
     """Return the minima that `search` finds; the caller keeps the arrays that are borrowed."""
-    return search(borrowed(given), starts, few)
+    return search(borrowed(given), starts)
 
 
-def search(problem: Problem, starts: Array, few: bool) -> list[State]:
+def search(problem: Problem, starts: Array) -> list[State]:
     """Return what `find_minima` does, by all readings of a problem."""
-    steps = FEW_STEPS if few else MOST_STEPS
     minima = minimum_from(problem, start_at(problem, starts[0]))
     for i in range(1, len(starts)):
-        descend(problem, minima, start_at(problem, starts[i]), steps)
-    if not few:
-        return minima
-    found, minima = minima[:FOLLOWED], minima[:0]
-    for state in found:
-        insert(minima, refine(problem, state.at, MOST_STEPS))
+        descend(problem, minima, start_at(problem, starts[i]))
     return minima
 
 
@@ -244,13 +229,12 @@ def estimate_frame(
         minima = minimum_from(problem, start)
     else:
         kept = problem.readings[guide.readings]
-        few = not guide.gaussian and lit(kept, problem) < FEW_LIT
         starts = guide.poses[rows[: guide.candidates]]
         if len(place) > 0:
             starts = place.reshape(1, 5)
-        elif few:
+        elif not guide.gaussian and lit(kept, problem) < FEW_LIT:
             starts = guide.poses[rows_alike(kept, guide, unit, MOST_STARTS)]
-        minima = find_minima(problem, guide, starts, few)
+        minima = find_minima(problem, guide, starts)
     return result_of(problem, guide, minima, angles, log_faulty, given.weights)
 
 

@@ -104,6 +104,23 @@ def test_no_pose_is_false_where_lamps_are_mistaken(estimator, name):
             assert (abs(found.pose - pose) < 6 * np.sqrt(found.covariance.diagonal())).all()
 
 
+@pytest.mark.parametrize("order", [(1, 2, 0), (2, 0, 1), (2, 1, 0)])
+def test_lamps_that_are_exchanged_make_no_pose_of_a_rolled_follower(estimator, order):
+    """Three lamps that go round look like those of a follower elsewhere that rolls by 120 deg.
+
+    That is more than five standard deviations of a roll without an IMU.
+    """
+    rng = np.random.default_rng(5)
+    light = MODEL.light(rng.uniform(LOW, HIGH, (20, 5)))
+    exchanged = light.reshape(20, 3, 5, 5)[:, order].reshape(light.shape)
+    answered = 0
+    for image in MODEL.read(exchanged, rng):
+        with suppress(NoPose):
+            estimator.estimate(image)
+            answered += 1
+    assert answered <= 1
+
+
 @pytest.mark.parametrize("dark", range(3))
 def test_a_lamp_that_is_off_is_left_out(estimator, dark):
     rng, rows = np.random.default_rng(dark), slice(5 * dark, 5 * dark + 5)

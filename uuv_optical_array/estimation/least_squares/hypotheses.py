@@ -53,6 +53,9 @@ DOUBTFUL = 2.576
 MENDED, MENDED_BY_SEVERAL = 2.054, UNUSUAL
 # And the same where light differs by more than its usual sizes, as anything nearly fits there.
 EVEN = 0.0
+# Standard deviations of the prior by which no unknown of an unclear kind may be off, such as the
+# roll where lamps are exchanged.
+FAR_OFF = 5.5
 # Share of the others that are lit where a row or column is hidden; else the pose may be the cause.
 MOSTLY_LIT = 0.75
 # Logarithm of the odds of a kind against a clear frame, by a linear step, from which it counts, and
@@ -244,8 +247,12 @@ class Hypotheses:
 
     def _fits(self, found: Hypothesis) -> bool:
         """Say whether a frame that is hardly a clear one fits as if it were."""
+        frame, problem = found.frame, found.problem
         most = EVEN if found.kind.size > 1 else self._most_mended
-        return found.frame.outcome == FITTED and found.frame.score <= most
+        if frame.outcome != FITTED or frame.score > most:
+            return False
+        offs = np.abs(frame.best[5:] - problem.nuisance_mean) / problem.nuisance_std
+        return not (found.kind.size > 0 and (offs > FAR_OFF).any())
 
 
 def _level(found: Hypothesis, image: Image) -> Array:

@@ -45,8 +45,6 @@ MOST_STEPS: Any = np.int64(40)  # a NumPy integer, as Numba compiles again for e
 ARRIVED = 5e-3
 # Of `settle`: damping of the first step, and how many without gain it takes before it goes back.
 SLIGHT, UPHILL = 1e-6, 6
-UNUSUAL = 3.09  # a score that one valid image of a thousand exceeds
-LIT_SHARE = 0.02  # of the brightest reading, below which daylight may be all that a reading shows
 
 
 class Problem(NamedTuple):
@@ -147,8 +145,6 @@ def lit(readings: Array, problem: Problem) -> int:
         darkest = min(darkest, reading)
     # All readings have about the same daylight.
     clear = min(problem.dark_counts, darkest + 6 * np.sqrt(noise.variance))
-    for reading in readings:
-        clear = max(clear, LIT_SHARE * reading)
     for reading in readings:
         if reading >= noise.high:
             count -= 1

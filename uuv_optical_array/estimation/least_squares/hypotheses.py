@@ -33,12 +33,7 @@ from uuv_optical_array.estimation.least_squares.frame import (
 )
 from uuv_optical_array.estimation.least_squares.frame_kinds import FrameKind
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
-from uuv_optical_array.estimation.least_squares.problem import (
-    UNUSUAL,
-    Problem,
-    light_at,
-    lit,
-)
+from uuv_optical_array.estimation.least_squares.problem import Problem, light_at, lit
 from uuv_optical_array.estimation.least_squares.starts import Guide
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose
 from uuv_optical_array.forward.model import ForwardModel
@@ -46,12 +41,12 @@ from uuv_optical_array.forward.model import ForwardModel
 # An image is as good as linear where its posterior's mode is within so many standard deviations of
 # its mean (0.1 near the lamp, 1 far away or of a planar array), and its range known to this share.
 BENT, FAR = 0.5, 0.06
-# Score from which detectors may be faulty: of one valid image of two hundred.
-DOUBTFUL = 2.576
-# Score up to which a kind that is not clear must fit: that of one image of fifty, or of a thousand
-# by several lamps, which have enough readings for it.
-MENDED, MENDED_BY_SEVERAL = 2.054, UNUSUAL
-# And the same where light differs by more than its usual sizes, as anything nearly fits there.
+# Score that one valid image of fifty exceeds, or one of a thousand by several lamps, which have
+# enough readings for it. Beyond it a clear image may have faulty detectors, and uneven or faulty
+# ones are refused.
+DOUBTFUL, DOUBTFUL_BY_SEVERAL = 2.054, 3.09
+# The same where light is off by more than its usual sizes, as anything nearly fits there: the
+# score of every second valid image.
 EVEN = 0.0
 # Standard deviations of the prior by which no unknown of an unclear kind may be off, such as the
 # roll where lamps are exchanged.
@@ -128,7 +123,7 @@ class Hypotheses:
         guide: Guide,
     ) -> None:
         self._model, self._frame, self._linear, self._guide = model, fit_frame, linear, guide
-        self._most_mended = MENDED_BY_SEVERAL if model.scene.lamps else MENDED
+        self._doubtful = DOUBTFUL_BY_SEVERAL if model.scene.lamps else DOUBTFUL
 
     def of(self, image: Image, kinds: list[FrameKind], match: Array | None) -> list[Hypothesis]:
         """Return the hypotheses of an image by kinds of frame, the clear one first in both.
@@ -145,7 +140,7 @@ class Hypotheses:
         found = [clear, dark] if dark else [clear]
         if dark and clear.frame.outcome != FITTED:
             return found
-        if faults and clear.frame.score > DOUBTFUL:
+        if faults and clear.frame.score > self._doubtful:
             mended = self._mended(image, kinds[0])
             found += mended
             if mended[0].frame.outcome == FITTED:
@@ -199,9 +194,9 @@ class Hypotheses:
         return Hypothesis(kind, problem, frame, None)
 
     def _mended(self, image: Image, kind: FrameKind) -> list[Hypothesis]:
-        """Fit an image with faulty readings, if they are few and the others fit.
+        """Fit an image without faulty detectors, if these are few and the others fit.
 
-        If they are neighbours, all of their row or column may be faulty.
+        If they are neighbours, it is also fitted without all of their row or column.
         """
         problem, lamps = image.problem(kind), self._model.scene.lamp_count
         most, readings = most_faulty(problem), problem.readings.copy()
@@ -246,9 +241,9 @@ class Hypotheses:
         return found._replace(log_chance=chance) if self._fits(found) else None
 
     def _fits(self, found: Hypothesis) -> bool:
-        """Say whether a frame that is hardly a clear one fits as if it were."""
+        """Return whether a frame that is not clear, or has faults, fits well enough."""
         frame, problem = found.frame, found.problem
-        most = EVEN if found.kind.size > 1 else self._most_mended
+        most = EVEN if found.kind.size > 1 else self._doubtful
         if frame.outcome != FITTED or frame.score > most:
             return False
         offs = np.abs(frame.best[5:] - problem.nuisance_mean) / problem.nuisance_std

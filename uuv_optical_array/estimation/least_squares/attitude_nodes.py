@@ -1,7 +1,8 @@
-"""What an image leaves of all else at an attitude, a node of the lattice of `posterior`.
+"""The posterior at one attitude, a node of the lattice of `posterior`.
 
-It is nearly Gaussian there, so that Laplace's approximation about the conditional mean integrates
-it. Of nodes in a row, a direction of pitch and yaw across it belongs to all else.
+Pitch and yaw are given there, and the other unknowns, three coordinates and the nuisances, are
+nearly Gaussian: Laplace's approximation about their conditional mean integrates them. Of nodes in a
+row, a direction of pitch and yaw across it belongs to the other unknowns.
 """
 
 from typing import NamedTuple
@@ -21,14 +22,14 @@ from uuv_optical_array.estimation.least_squares.problem import (
 from uuv_optical_array.estimation.unknowns.coordinates import to_lamp
 
 MOST_NODES = 400  # of a lattice
-# Decrement that all else may still have at a node; Laplace's approximation takes it into account.
+# Decrement that may be left at a node; Laplace's approximation takes it into account.
 SETTLED = 0.3
-UNSETTLED = 3.0  # decrement at a node from which the approximation means nothing
-CORRECTIONS = 12  # steps of all else at a node
+UNSETTLED = 3.0  # decrement at a node beyond which the approximation is not valid
+CORRECTIONS = 12  # most steps of the other unknowns at a node
 
 
 class Lattice(NamedTuple):
-    """The posterior at m attitudes, all else integrated.
+    """The posterior at m attitudes, the other unknowns integrated.
 
     - logs: logarithm of the attitude's density, without constants, ``(m,)``; -inf: no node.
     - ats: coordinates and nuisances of the conditional mean, shape ``(m, p)``.
@@ -70,14 +71,14 @@ def is_row(lattice: Lattice) -> bool:
 
 
 def write_start(lattice: Lattice, node: int, pitch: float, yaw: float, start: Array) -> None:
-    """Write where all else is expected at an attitude that is so much off that of a node, rad."""
+    """Predict coordinates and nuisances at an attitude so far from a node's, rad."""
     moved = lattice.moved[node]
     for i in range(len(start)):
         start[i] = lattice.ats[node, i] + (pitch * moved[0, i] + yaw * moved[1, i])
 
 
 def write_node(problem: Problem, state: State, lattice: Lattice, node: int) -> None:
-    """Integrate all else at the attitude of a state near the conditional mean."""
+    """Integrate the other unknowns at the attitude of a state near their conditional mean."""
     decrement = integrate_rest(problem, state, lattice, node)
     damping = 0.0
     for _ in range(CORRECTIONS):
@@ -121,14 +122,17 @@ def rest_of_the_way(problem: Problem, state: State, damping: float) -> Array:
 
 @law
 def ordered(place: int, rest: int) -> int:
-    """Return the coordinate at a place where all else comes first and the attitude last."""
+    """Return the coordinate at a place in the order with the attitude last."""
     if place >= rest:
         return place - rest + PITCH
     return place if place < PITCH else place + 2
 
 
 def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) -> float:
-    """Integrate all but the attitude by Laplace's approximation about a state."""
+    """Integrate all but the attitude by Laplace's approximation about a state.
+
+    Return the decrement: how much less the cost would be at the conditional mean.
+    """
     size = len(state.at)
     rest = size - 2
     factor, vectors = zeros(size, size, state.cost), zeros(3, size, state.cost)

@@ -30,7 +30,7 @@ EACH = 0.25  # and that it is then dark, dimmed, brighter or at full scale
 # one is faulty, others are doubted early. Each further lamp adds the growth of a chi-square with
 # its degrees of freedom.
 DISBELIEVED, EACH_LAMP = 4.5, 1.25
-LIT_EACH = 6  # clearly lit detectors needed for each that is left out, as few fit anything
+LIT_EACH = 6  # clearly lit detectors needed for each that is left out: any pose fits a few
 STARTS: Any = np.int64(8)  # a NumPy integer, as Numba compiles again for each literal
 COOLER = 0.25  # factor of the variance from turn to turn
 TURNS = 12  # of weights and fit

@@ -1,7 +1,8 @@
 """One frame of ``least_squares``: from readings and their signature to pose and covariance.
 
-Starts from the rows of a table that look alike, the minima that they lead to, the integral of the
-posterior about the best: all in one call, which compiled code does not leave.
+`estimate_frame` is all of it in one call, which compiled code does not leave: it starts from poses
+whose images look alike, finds the minima of the cost that they lead to, and integrates the
+posterior about the best one.
 """
 
 from typing import NamedTuple
@@ -48,7 +49,7 @@ FEW_LIT, MOST_STARTS = 13, 64
 DISTINCT = 3.0
 # Minima that are this much less probable, as a logarithm, are negligible.
 NEGLIGIBLE = 12.0
-# Minima up to this much less likely are covered to `DISTINCT`, however small their evidence.
+# The covariance covers minima up to this much less likely, to `DISTINCT` standard deviations.
 RIVAL = 6.0
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
@@ -71,7 +72,7 @@ class FrameResult(NamedTuple):
     - runner_up: pose of the next minimum; nan where there is none.
     - angles: spectral angles to the nearest rows, nearest first, at least two, rad.
     - weights: of the readings, shape ``(n,)``.
-    - wider: whether the covariance had to be wider to cover a minimum about as likely as the best.
+    - wider: whether the covariance was widened to cover a minimum about as likely as the best.
     """
 
     outcome: int
@@ -179,7 +180,7 @@ def posterior_about(problem: Problem, minima: list[State]) -> PosteriorMoments:
 
 
 def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
-    """Widen a covariance to cover minima about as likely as the best; returns whether it had to."""
+    """Widen a covariance to cover minima about as likely as the best; True if it was widened."""
     wider = False
     for state in minima:
         off = state.pose - pose

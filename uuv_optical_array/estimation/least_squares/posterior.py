@@ -1,9 +1,10 @@
 """What an image leaves possible: mean and covariance of the pose.
 
-Given the attitude, all else (the lamp's direction and attenuation, the scene's nuisances) is nearly
-Gaussian, however bent or broad the whole posterior is: an image determines it directly. So pitch
-and yaw are integrated on a lattice, and all else at each of its nodes by Laplace's approximation
-(nested as by H. Rue, S. Martino and N. Chopin, 2009, J. R. Stat. Soc. B 71, 319).
+Given the attitude, the other unknowns (the lamp's direction and attenuation, the scene's nuisances)
+are nearly Gaussian, however bent or broad the whole posterior is, as an image determines them
+directly. So pitch and yaw are integrated on a lattice, and the others at each of its nodes by
+Laplace's approximation (nested as by H. Rue, S. Martino and N. Chopin, 2009, J. R. Stat. Soc. B 71,
+319).
 
 The lattice is filled outwards from a minimum wherever the posterior is not negligible: over an
 ellipse, a banana, or the ring of attitudes that a planar array cannot tell apart. A spacing of 1.5
@@ -39,18 +40,18 @@ from uuv_optical_array.estimation.least_squares.problem import (
 )
 
 SPACING = 1.6  # of the lattice, in standard deviations at the minimum
-LONGEST = 0.5  # its step, rad: as far as a lattice of attitudes can step and still see anything
-# Logarithm of the posterior over that of a Gaussian, up to which it is nearly one.
+LONGEST = 0.5  # longest step of the lattice, rad: a longer one could miss the posterior
+# Largest difference of the posterior's logarithm from a Gaussian's where it counts as Gaussian.
 NEARLY = 0.6
 ALONG, CORNERS = 2, 4  # of nine nodes: from where on they are along the widest axis, and in corners
 MINIMUM: Any = np.int64(0)  # the first node; a NumPy integer, as Numba compiles again for literals
 LOG_2PI = math.log(2 * math.pi)
-COARSE = 1.8  # spacing in standard deviations anywhere that asks for a finer lattice
-WEIGHTY = 4.0  # below the largest weight's logarithm, down to which that is required
-NEGLIGIBLE = 7.5  # below it, from where nodes are left out
-LEAST_NODES = 5  # below which there is no covariance
+COARSE = 1.8  # spacing, in standard deviations at a node, beyond which the lattice is made finer
+WEIGHTY = 4.0  # nodes with a logarithm that far below the largest have to be spaced so
+NEGLIGIBLE = 7.5  # nodes farther below it are left out
+LEAST_NODES = 5  # with fewer there is no covariance
 HALF_WIDTH = 100  # nodes from the minimum to the edge of the map
-FINER = 4  # times the lattice may be made finer
+FINER = 4  # how often the lattice may be made finer or coarser
 
 
 class PosteriorMoments(NamedTuple):
@@ -222,7 +223,7 @@ def by_nine_nodes(
             write_start(lattice, MINIMUM, u, v, start)
             write_start(lattice, MINIMUM, -u, -v, straight)
         if corner or sign < 0:
-            # All else bends as much as at the node that corresponds.
+            # The prediction is off by as much as at the corresponding node.
             for k in range(size):
                 start[k] += lattice.ats[alike, k] - straight[k]
         write_node(problem, evaluate(problem, start), lattice, node)

@@ -24,7 +24,7 @@ from uuv_optical_array.forward.many_poses import write_arriving
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import Optics, detect
 
-# Poses of the working volume from which fits may start: more make no fit more exact.
+# Poses of the working volume from which fits may start; more do not improve the fits.
 STARTS = 1024
 # Beside them poses nearer than that, and the share of the range that they go down to; and as many
 # down to this share of the least range, the farther off the beam's axis the nearer.
@@ -134,7 +134,7 @@ def light_of(optics: Optics, poses: Array) -> Array:
 
 def direction(readings: Array, guide: Guide) -> Array:
     """Return the direction of an image's signature, of length one, shape ``(6,)``."""
-    # Worked out also where the caller has it: that is less than to hand it down.
+    # Computed here even where the caller knows it, which is less code than to pass it down.
     count, parameters = guide.side * guide.side, np.empty((5, 1))
     column = np.zeros((count, 1))  # the images of all lamps together
     kept = guide.readings

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import second_forward
 from differences import assert_close, differentiate
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from needs import numba
 from scenes import changed, ready
@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.forward.lamp.beam import angle_of, beam_solid_angle, gaussians_of
+from uuv_optical_array.forward.lamp.beam import angle_of, beam_solid_angle, dark_angle, gaussians_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.view.shapes import beams
@@ -86,6 +86,22 @@ def test_slopes_are_those_of_differences(name, x, aside, turn, wider):
     offsets = dict(zip(names, at[5:], strict=True))
     _, jacobian = model.linearised(at[:5], 0.1, offsets)
     assert_close(jacobian, differentiate(light, at))
+
+
+@given(parts=st.lists(st.tuples(st.floats(-1, 1), st.floats(0.3, 3)), min_size=2, max_size=3))
+def test_a_beam_is_dark_from_where_its_gaussians_cancel_out(parts):
+    parts = [(weight, width) for weight, width in parts if abs(weight) > 1e-3]
+    assume(sum(weight for weight, _ in parts) > 1e-3)
+    widest = max(width for _, width in parts)
+    angles = np.linspace(0, 12 * widest, 3001)
+    # Over the widest, so that it does not vanish far off the axis.
+    light = sum(w * np.exp(-0.5 * angles**2 * (s**-2 - widest**-2)) for w, s in parts)
+    found = dark_angle(np.array(parts).T)
+    if found is None:
+        assert light.min() > -1e-3
+    else:
+        assert light[angles < found - 0.05].min(initial=1.0) > 0
+        assert np.interp(found, angles, light) < 1e-3
 
 
 def test_equal_widths_are_one_gaussian_and_a_third_without_weight_is_none():

@@ -149,6 +149,9 @@ def dark_angle(gaussians: Array) -> float | None:
     It goes by the radiance over that of the widest Gaussian, which stays a number far off the axis.
     """
     weights, widths = gaussians[:, gaussians[0] != 0]
+    # A narrower Gaussian is nowhere above a wider one, so it takes away less than its weight says.
+    if (np.cumsum(weights[np.argsort(-widths)]) > 0).all():
+        return None
     angles = np.unique(np.linspace(0, REACH * widths, 801))[:, None]
     narrower = widths**-2.0 - widths.max() ** -2.0
     dark = (weights * np.exp(-0.5 * angles**2 * narrower)).sum(axis=1) <= 0

@@ -8,6 +8,7 @@ import pytest
 from scenes import ready
 
 from uuv_optical_array.commands.scenes import settings_text
+from uuv_optical_array.forward.lamp import photometry
 from uuv_optical_array.forward.lamp.beam import gaussians_of, radiance
 from uuv_optical_array.forward.lamp.photometric_files import read
 from uuv_optical_array.forward.lamp.photometry import fitted
@@ -154,6 +155,21 @@ def test_what_is_no_such_file_or_no_such_beam_is_refused(tmp_path, name, text, e
         load_scene(scene)
 
 
+@pytest.fixture
+def fitted_once(monkeypatch):
+    """Let each beam be fitted once, however often its file is read: that takes a second."""
+    known = {}
+
+    def once(file, fit=photometry.fitted):
+        content = tuple(np.asarray(part).tobytes() for part in file)
+        if content not in known:
+            known[content] = fit(file)
+        return known[content]
+
+    monkeypatch.setattr(photometry, "fitted", once)
+
+
+@pytest.mark.usefixtures("fitted_once")
 def test_a_scene_takes_the_beam_of_its_file_and_says_so(tmp_path):
     written(tmp_path, ies([0], [ROW]))
     scene = tmp_path / "scene.yaml"

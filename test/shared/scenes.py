@@ -89,3 +89,14 @@ def seen_in(model, sea, pose, rng, offsets=MappingProxyType({})):
     """Expose an image in a drawn sea, but for its aims; offsets replace those of the sea."""
     light = model.light(pose, 0.0, {**sea.offsets, **offsets})
     return model.read(model.with_gains(light, sea.gains), rng)
+
+
+def seen_in_each(model, seas, pose, rng, offsets=MappingProxyType({})):
+    """Expose an image in each of several drawn seas, as `seen_in` does in one, all at once."""
+    drawn = {name: [sea.offsets[name] for sea in seas] for name in seas[0].offsets}
+    light = model.light(
+        np.tile(pose, (len(seas), 1)),
+        0.0,
+        {name: np.resize(value, len(seas)) for name, value in {**drawn, **offsets}.items()},
+    )
+    return model.read(model.with_gains(light, np.array([sea.gains for sea in seas])), rng)

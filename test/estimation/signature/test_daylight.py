@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import changed, ready, seen_in
+from scenes import changed, ready, seen_in, seen_in_each
 from scipy.stats import binom, chi2
 
 from uuv_optical_array.estimation.signature.daylight import ODD_DAYLIGHT, Daylight
@@ -45,11 +45,11 @@ def test_it_is_the_square_of_a_gaussian_of_all_readings(seed, stretch):
 )
 def test_of_images_without_a_lamp_so_few_show_light_as_is_said(name):
     model, rng = ForwardModel(ready(name)), np.random.default_rng(7)
-    daylight, lit = Daylight(model), 0
+    daylight = Daylight(model)
+    seas = [draw_sea(model.scene, rng) for _ in range(1000)]
     out = power_offsets([0.0], model.scene.lamp_count)
-    for _ in range(1000):
-        sea = draw_sea(model.scene, rng)
-        lit += not daylight.explains(seen_in(model, sea, [-5.0, 0, 0, 0, 0], rng, out))
+    images = seen_in_each(model, seas, [-5.0, 0, 0, 0, 0], rng, out)
+    lit = sum(not daylight.explains(image) for image in images)
     assert lit <= binom.isf(1e-7, 1000, ODD_DAYLIGHT)
 
 

@@ -9,6 +9,7 @@ import pytest
 from command_line import text_of
 from matplotlib.image import imread
 
+from uuv_optical_array.commands import render
 from uuv_optical_array.commands.render import COLUMNS, draw_scene, sheet_poses
 from uuv_optical_array.forward.lamp.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
@@ -29,7 +30,9 @@ def test_the_sheet_shows_each_motion_alone_at_each_range():
         np.testing.assert_allclose(sheet[:, column, 1 + dof] * scale, value)
 
 
-def test_render_draws_the_picture_and_says_what_the_scene_holds(tmp_path):
+def test_render_draws_the_picture_and_says_what_the_scene_holds(tmp_path, monkeypatch):
+    # Each of five ranges takes a second to draw, and looks like these.
+    monkeypatch.setattr(render, "RANGES_M", (4.0, 8.0))
     picture = tmp_path / "harbour.png"
     said = text_of(run, "--scene", "harbour", "--output", picture)
     named = "sea, responsivity, photodiode, saturation, adc"

@@ -259,6 +259,7 @@ large_table.grid_parameters = slow""")
         def kills(blocks):
             for done, block in enumerate(blocks):
                 if done == 2:
+                    cluster.workers[0].close_gracefully()  # none is started in its place
                     os.kill(cluster.workers[0].pid, signal.SIGKILL)
                     assert len(contents(path)) < BLOCKS + 2
                     killed.touch()

@@ -154,9 +154,17 @@ class Layout:
         self.low[WIDE] = 0.0  # else there is no light far off the axis
         self.low[SIGMA] -= np.log(min(widths))
         self.high[SIGMA] -= np.log(max(widths))
+        self._directions: dict[frozenset[int], Array] = {}  # by what is held
 
     def free_directions(self, held: Collection[int]) -> Array:
         """Return orthogonal directions of what is not `held`, as columns, which keep the gauge."""
+        # Every step of a fit asks for them, and few of its steps hold what others do not.
+        key = frozenset(held)
+        if key not in self._directions:
+            self._directions[key] = self._orthogonal(key)
+        return self._directions[key]
+
+    def _orthogonal(self, held: Collection[int]) -> Array:
         free = np.setdiff1d(np.arange(len(self.kinds)), list(held))
         bound = [free[self.kinds[free] == kind] for kind in (SHARE, GAINS)]
         columns = [np.eye(len(self.kinds))[:, np.setdiff1d(free, np.concatenate(bound))]]
@@ -164,7 +172,9 @@ class Layout:
             across = null_space(np.ones((1, len(rows)))) if len(rows) else np.zeros((0, 0))
             columns.append(np.zeros((len(self.kinds), across.shape[1])))
             columns[-1][rows] = across
-        return np.hstack(columns)
+        directions = np.hstack(columns)
+        directions.flags.writeable = False  # they are kept
+        return directions
 
     def prior(
         self, start: PriorSettings, values: Array, errors: Array, unknown: Collection[int]

@@ -98,8 +98,7 @@ def commands() -> list[str]:
         "`make follow` `.venv/bin/uuv_array COMMAND`; `--help` has examples. Defaults are in "
         "brackets. The exit code is 1 if the result is negative, such as a lost leader, or the "
         "work fails, 2 for an unusable command line, and 130 after Ctrl-C; a study, except "
-        "`paper`, then reports what it has. Ctrl-C in the midst of a compiled fit can crash the "
-        "command instead (139).",
+        "`paper`, then reports what it has.",
         "## Common options",
         option_list({name: of for name, of in common.items() if name not in settings}),
         "By `--set`, of a bag or a table (`calibrate` takes neither commands nor states, `view` "

@@ -1,7 +1,9 @@
 """From signature to pose: exact on the grid, honest off it, as good as five numbers allow."""
 
 import math
+import sys
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -313,6 +315,28 @@ def test_compiled_a_frame_has_the_estimate_that_it_has_in_numpy(table, roll):
         assert_same_estimate(found, expected)
         assert found.misfit == pytest.approx(expected.misfit, rel=1e-7)
         assert found.angle_rad == pytest.approx(expected.angle_rad, abs=1e-9)
+
+
+@numba
+def test_no_python_runs_in_the_midst_of_compiled_code(compiled_fit):
+    """Ctrl-C, raised in Python that Numba runs to return an array, would end the process."""
+    scene = load_scene("follow")
+    model, estimator, ran = ForwardModel(scene), Estimator(scene, compiled=True), set()
+    pipeline = Pipeline(estimator)
+    images = model.expose(np.tile([-5.0, 0.2, 0.1, 0.0, 0.1], (4, 1)), np.random.default_rng(3))
+
+    def watch(frame, event, _):
+        if event == "call" and "numba" in Path(frame.f_code.co_filename).parts:
+            ran.add(frame.f_code.co_name)
+
+    pipeline.answer(10**9, images[0])
+    sys.setprofile(watch)
+    try:
+        answers = [pipeline.answer((2 + k) * 10**8 + 10**9, images[k]) for k in (1, 2, 3)]
+    finally:
+        sys.setprofile(None)
+    assert all(answer.track is not None for answer in answers)
+    assert ran == set()
 
 
 @numba

@@ -16,7 +16,6 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.least_squares import frame as one_frame
 from uuv_optical_array.estimation.least_squares.frame import (
     BELIEVED,
-    NOTHING,
     ONE_STEP,
     find_minima,
 )
@@ -234,7 +233,7 @@ def clear_fit(estimator):
     frame = frame_of(kinds[0].problem, guide)
 
     def fitted(problem, way=BELIEVED, place=POSE):
-        found = frame(problem, guide, way, place, NOTHING)
+        found = frame(problem, guide, way, place)
         return found if way == ONE_STEP else linear.about(kinds[0], problem, found)[0]
 
     return kinds[0], fitted

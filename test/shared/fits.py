@@ -9,9 +9,10 @@ from uuv_optical_array.estimation.estimator import EstimatorSettings
 from uuv_optical_array.estimation.least_squares.frame import (
     BELIEVED,
     LINEARISED,
-    NOTHING,
     NOWHERE,
     estimate_frame,
+    frame_result,
+    new_rows,
 )
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit, pose_prior
@@ -33,9 +34,13 @@ def guide_to(model, candidates=EstimatorSettings.candidates):
 
 def frame_of(problem, guide):
     """Return what fits frames like these, compiled where it can be."""
-    if not compilation.installed():
-        return estimate_frame
-    return compilation.prepare(estimate_frame, problem, guide, BELIEVED, NOWHERE, NOTHING)
+    frame = estimate_frame
+    if compilation.installed():
+        frame = compilation.prepare(
+            estimate_frame, problem, guide, BELIEVED, NOWHERE, new_rows(problem)
+        )
+
+    return functools.partial(frame_result, frame)
 
 
 @functools.cache
@@ -46,7 +51,7 @@ def writer_of_fits():
     """
     model = ForwardModel(load_scene("reference"))  # it is the same in every scene
     problem, guide = kinds_of(model)[0].problem, guide_to(model)
-    frame = frame_of(problem, guide)
+    frame = frame_of(problem, guide).args[0]
 
     def write(optics, noise, readings, at, roll, linear):
         given = {"optics": optics, "noise": noise, "readings": readings, "roll": roll}

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from uuv_optical_array.core.geometry import PITCH, YAW
 from uuv_optical_array.estimation.least_squares.attitude_nodes import new_lattice, write_node
-from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOTHING, NOWHERE
+from uuv_optical_array.estimation.least_squares.frame import BELIEVED, NOWHERE
 from uuv_optical_array.estimation.least_squares.posterior import (
     basis_of,
     fill,
@@ -163,7 +163,7 @@ def test_the_evidence_of_an_image_is_the_same_from_one_start_and_from_many():
     several = 0
     for readings in images.reshape(len(images), -1):
         image = problem._replace(readings=readings)
-        one, many = (fit(image, guide, BELIEVED, NOWHERE, NOTHING) for guide in guides)
+        one, many = (fit(image, guide, BELIEVED, NOWHERE) for guide in guides)
         several += np.isnan(one.runner_up_score) and not np.isnan(many.runner_up_score)
         assert many.log_evidence == pytest.approx(one.log_evidence, abs=0.2)
     assert several > 5

@@ -12,9 +12,9 @@ from uuv_optical_array.core.geometry import wrapped
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame import (
     BELIEVED,
-    NOTHING,
     NOWHERE,
     estimate_frame,
+    frame_result,
 )
 from uuv_optical_array.estimation.least_squares.hypotheses import Image
 from uuv_optical_array.estimation.least_squares.problem import (
@@ -143,7 +143,7 @@ def test_a_fit_of_a_large_array_ends_where_all_of_its_readings_have_their_minimu
     sea = {name: std * rng.standard_normal() for name, std in stds.items()}
     image = Image(model.expose(POSE, rng, offsets=sea).ravel(), 0.0)
     problem = image.problem(kinds_of(model)[0])
-    found = estimate_frame(problem, guide, BELIEVED, NOWHERE, NOTHING).best
+    found = frame_result(estimate_frame, problem, guide, BELIEVED, NOWHERE).best
     best = evaluate(problem, np.append(start_at(problem, found[:5])[:5], found[5:]))
     pull, information = best.gradient, best.information
     assert pull @ np.linalg.solve(information, pull) < 0.1  # in squared standard deviations

@@ -5,7 +5,8 @@ whose images look alike, finds the minima of the cost that they lead to, and int
 posterior about the best one.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,7 +58,8 @@ FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
 # step; or only linearised.
 BELIEVED, DOUBTED, ONE_STEP, LINEARISED = range(4)
 NOWHERE: Array = np.empty(0)
-NOTHING: Array = np.empty((0, 0))
+# Rows of what a frame writes, after the five of the covariance.
+POSE_ROW, RUNNER_UP_ROW, BEST_ROW, ANGLES_ROW = range(5, 9)
 
 
 class FrameResult(NamedTuple):
@@ -70,7 +72,7 @@ class FrameResult(NamedTuple):
     - log_evidence: of likelihood times prior, integrated, less what all kinds have in common.
     - linear_log_evidence: the same by Laplace's approximation about the best minimum.
     - runner_up: pose of the next minimum; nan where there is none.
-    - angles: spectral angles to the nearest rows, nearest first, at least two, rad.
+    - angles: spectral angles to the two nearest rows, nearest first, rad.
     - weights: of the readings, shape ``(n,)``.
     - wider: whether the covariance was widened to cover a minimum about as likely as the best.
     """
@@ -201,25 +203,28 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
 
 
 def estimate_frame(
-    given: Problem, to_start: Guide, way: int, place: Array, linear: Array
-) -> FrameResult | None:
+    given: Problem, to_start: Guide, way: int, place: Array, written: Array
+) -> tuple[int, float, float, float, float, bool]:
     """Estimate the pose of one image, or linearise it: together they are compiled in less time.
+
+    Arrays are written, and none is returned: Numba returns an array by way of Python code, in which
+    Ctrl-C ends the process.
 
     - given: the posterior of the image.
     - to_start: where to start.
     - way: `BELIEVED`; `DOUBTED`: readings may be faulty, and those of the problem and the weights
       are written; `ONE_STEP`: what one linear step from a place leads to, by its Gaussian;
-      `LINEARISED`: nothing, but `write_linear` writes.
+      `LINEARISED`: what `write_linear` writes, and nothing else.
     - place: pose and nuisances, shape ``(p,)``; of `BELIEVED` the pose of a level follower alone to
       start from, ``(5,)``, or `NOWHERE`: where the guide says.
-    - linear: what is written, shape ``(4 + p, n)``, or `NOTHING`.
+    - written: shape ``(4 + p, n)`` of `LINEARISED`, else `new_rows`, which `frame_result` names.
     """
     problem, guide = borrowed(given), borrowed(to_start)
     if way == LINEARISED:
-        write_linear(problem.optics, problem.noise, problem.readings, place, problem.roll, linear)
-        return None
+        write_linear(problem.optics, problem.noise, problem.readings, place, problem.roll, written)
+        return NO_START, np.nan, np.nan, np.nan, np.nan, False
     if way == ONE_STEP:
-        return one_step(problem, place, given.weights)
+        return write_result(one_step(problem, place, given.weights), written)
     start, log_faulty = place, 0.0
     if way == DOUBTED:
         start, log_faulty = disbelieve(problem, guide)
@@ -236,7 +241,49 @@ def estimate_frame(
         elif not guide.gaussian and lit(kept, problem) < FEW_LIT:
             starts = guide.poses[rows_alike(kept, guide, unit, MOST_STARTS)]
         minima = find_minima(problem, guide, starts)
-    return result_of(problem, guide, minima, angles, log_faulty, given.weights)
+    result = result_of(problem, guide, minima, angles, log_faulty, given.weights)
+    return write_result(result, written)
+
+
+def write_result(
+    result: FrameResult, written: Array
+) -> tuple[int, float, float, float, float, bool]:
+    """Write the arrays of a result to rows, and return its numbers in their order."""
+    for i in range(5):
+        written[i, :5] = result.covariance[i]
+    written[POSE_ROW, :5], written[RUNNER_UP_ROW, :5] = result.pose, result.runner_up
+    written[BEST_ROW, : len(result.best)] = result.best
+    written[ANGLES_ROW, :2] = result.angles[:2]
+    evidence = result.log_evidence, result.linear_log_evidence
+    return (result.outcome, result.score, result.runner_up_score, *evidence, result.wider)
+
+
+def new_rows(problem: Problem) -> Array:
+    """Return the rows that `write_result` writes."""
+    return np.empty((ANGLES_ROW + 1, 5 + len(problem.nuisance_mean)))
+
+
+def frame_result(
+    fit_frame: Callable[..., Any], problem: Problem, guide: Guide, way: int, place: Array
+) -> FrameResult:
+    """Return what `estimate_frame`, compiled or not, leads to in any way but `LINEARISED`."""
+    written = new_rows(problem)
+    numbers = fit_frame(problem, guide, way, place, written)
+    outcome, score, runner_up_score, log_evidence, linear_log_evidence, wider = numbers
+    return FrameResult(
+        outcome=outcome,
+        pose=written[POSE_ROW, :5],
+        covariance=written[:5, :5],
+        score=score,
+        runner_up=written[RUNNER_UP_ROW, :5],
+        runner_up_score=runner_up_score,
+        angles=written[ANGLES_ROW, :2],
+        best=written[BEST_ROW],
+        log_evidence=log_evidence,
+        linear_log_evidence=linear_log_evidence,
+        weights=problem.weights,
+        wider=wider,
+    )
 
 
 def result_of(

@@ -26,10 +26,10 @@ from uuv_optical_array.estimation.least_squares.frame import (
     DOUBTED,
     FITTED,
     MISFIT,
-    NOTHING,
     NOWHERE,
     ONE_STEP,
     FrameResult,
+    frame_result,
 )
 from uuv_optical_array.estimation.least_squares.frame_kinds import FrameKind
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
@@ -163,7 +163,7 @@ class Hypotheses:
         self, kind: FrameKind, problem: Problem, start: Array, way: int = BELIEVED
     ) -> Hypothesis:
         """Fit a problem from the pose of a level follower, or from `NOWHERE`."""
-        frame, near = self._frame(problem, self._guide, way, start, NOTHING), None
+        frame, near = frame_result(self._frame, problem, self._guide, way, start), None
         if self._linear and frame.outcome == FITTED:
             frame, near = self._linear.about(kind, problem, frame)
         if kind.doubt != 1:
@@ -182,7 +182,7 @@ class Hypotheses:
         """
         problem, at = image.problem(kind), np.zeros(5 + len(kind.names))
         at[:5], at[5 + kind.shared] = clear.frame.best[:5], clear.frame.best[5:]
-        near = self._frame(problem, self._guide, ONE_STEP, at, NOTHING)
+        near = frame_result(self._frame, problem, self._guide, ONE_STEP, at)
         log_odds = math.log(kind.share / clear.kind.share)
         log_odds += near.log_evidence - clear.frame.linear_log_evidence
         if not log_odds > LOG_CONSIDERED:

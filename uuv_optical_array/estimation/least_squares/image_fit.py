@@ -22,10 +22,10 @@ from uuv_optical_array.estimation.least_squares.frame import (
     LINEARISED,
     MISFIT,
     NO_START,
-    NOTHING,
     NOWHERE,
     FrameResult,
     estimate_frame,
+    new_rows,
 )
 from uuv_optical_array.estimation.least_squares.frame_kinds import (
     FrameKind,
@@ -106,7 +106,7 @@ class ImageFit:
         if compiled:
             features.prepare(model.array.side)
             joint_coordinates.prepare(constants)
-            example = self._guide, BELIEVED, NOWHERE, NOTHING
+            example = self._guide, BELIEVED, NOWHERE, new_rows(kinds[0].problem)
             ready = compilation.prepare(estimate_frame, kinds[0].problem, *example)
             for kind in kinds:  # all are of the same types
                 frame = compilation.entry(ready, kind.problem, *example)

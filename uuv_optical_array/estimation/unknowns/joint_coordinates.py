@@ -62,15 +62,13 @@ def frame_with(joint: Joint, at: Any) -> CoordinateFrame:
     return CoordinateFrame(x, y, z, sigma, k_per_m, share, scattered, gaussians)
 
 
-def coordinates_of(joint: Joint, at: Any) -> Any:
-    """Return the coordinates of pose and constants, shape ``(5 + q,)`` both."""
-    pose = at[0], at[1], at[2], at[3], at[4]
-    coordinates, own = at.copy(), from_pose(frame_with(joint, at), pose, 0.0)
+def write_coordinates(joint: Joint, at: Any, coordinates: Any) -> None:
+    """Write the coordinates of pose and constants, shape ``(5 + q,)`` both, to a copy of these."""
+    own = from_pose(frame_with(joint, at), (at[0], at[1], at[2], at[3], at[4]), 0.0)
     for i in range(5):
         coordinates[i] = own[i]
     if joint.power >= 0:
         coordinates[LOG_ATTENUATION] -= 0.5 * at[joint.power]
-    return coordinates
 
 
 def write_place(joint: Joint, coordinates: Any, at: Any, slopes: Any) -> None:
@@ -107,7 +105,7 @@ def prepare(constants: Constants) -> None:
     if constants.frame is None:
         return
     joint, at = Joint(constants.frame, -1, -1, -1, -1), np.ones(5 + len(constants.names))
-    compilation.prepare(coordinates_of, joint, at)
+    compilation.prepare(write_coordinates, joint, at, at.copy())
     compilation.prepare(write_place, joint, at, at.copy(), np.eye(len(at)))
 
 
@@ -128,9 +126,10 @@ class JointCoordinates:
 
     def of(self, at: Array) -> Array:
         """Return the coordinates of pose and constants, shape ``(5 + q,)`` both."""
-        if self._joint is None:
-            return at.copy()
-        return np.asarray(compilation.loaded(coordinates_of)(self._joint, at))
+        coordinates = at.copy()
+        if self._joint is not None:
+            compilation.loaded(write_coordinates)(self._joint, at, coordinates)
+        return coordinates
 
     def place(self, coordinates: Array) -> tuple[Array, Array]:
         """Return pose and constants, ``(5 + q,)``, and their slopes, ``(5 + q, 5 + q)``."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import rclpy
-from asker import assert_is
+from asker import assert_is, place_of
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from node_processes import Probe, node_processes
@@ -12,6 +12,7 @@ from rclpy.qos import QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
+from uuv_optical_array.core.geometry import covariance_6x6
 from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature.features import scene_parameters
@@ -68,6 +69,13 @@ class Fleet(Probe):
         return seconds
 
 
+def apart(message, estimate):
+    position, _ = place_of(message)
+    covariance = covariance_6x6(estimate.pose, estimate.covariance, ROLL_STD_RAD).ravel()
+    said, expected = [*position, *message.pose.covariance], [*estimate.pose[:3], *covariance]
+    return np.abs(np.subtract(said, expected)).max()
+
+
 def test_every_pose_is_answered_with_the_match_of_its_image(sensor_processes, scene, table):
     rng = np.random.default_rng(20161)
     angle = np.radians(20.0)
@@ -97,9 +105,14 @@ def test_every_pose_is_answered_with_the_match_of_its_image(sensor_processes, sc
     matching = Estimator(table, "sam")
     images = np.array([fleet.images[stamp] for stamp in stamps])
     for stamp, image in zip(stamps, images, strict=True):
-        assert fleet.answers[stamp].header.frame_id == "leader/beacon"
-        found = matching.estimate(image, scene_parameters(image, scene))
-        assert_is(fleet.answers[stamp], found, ROLL_STD_RAD)
+        answer, signature = fleet.answers[stamp], scene_parameters(image, scene)
+        assert answer.header.frame_id == "leader/beacon"
+        # One signature of a thousand is as far from two rows, but for rounding, and has either.
+        found = [
+            matching.estimate(image, signature + off)
+            for off in (np.zeros(5), *(1e-15 * np.eye(5)), *(-1e-15 * np.eye(5)))
+        ]
+        assert_is(answer, min(found, key=lambda one: apart(answer, one)), ROLL_STD_RAD)
     # Each image is of its pose. How many were drawn before depends on when the processes found each
     # other, so the noise does, too: over its draws the mean of 1,000 squares is 1.00 +- 0.045.
     model = ForwardModel(scene)

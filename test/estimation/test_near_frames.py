@@ -12,7 +12,6 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame import DISTINCT, RIVAL, cover
 from uuv_optical_array.estimation.least_squares.problem import (
-    POSE,
     State,
     evaluate,
     problem_of,
@@ -52,9 +51,8 @@ def test_the_true_pose_is_found_in_each_sea_of_the_prior(estimator, truth):
 
 
 def minimum(pose, cost):
-    parts = np.zeros((14, 5))
-    parts[POSE] = pose
-    return State(cost, 0.0, parts)
+    zeros, square = np.zeros(5), np.zeros((5, 5))
+    return State(cost, zeros, zeros, square, pose, square, 0.0, zeros)
 
 
 def test_a_covariance_covers_each_minimum_that_is_as_likely():

@@ -15,8 +15,9 @@ SCENE = coarse("reference")
 def result(pose, std, outcome=FITTED):
     nothing, covariance = np.full(5, np.nan), np.diag(np.full(5, std**2))
     pose = np.array(pose, dtype=float)
-    evidence, at, weights = (0.0, 0.0), pose, np.ones(25)
-    best = 0.0, nothing, np.nan, 0.1, 0.1, pose, *evidence, at, weights
+    evidence, weights = (0.0, 0.0), np.ones(25)
+    angles = np.array([0.1, 0.1])
+    best = 0.0, nothing, np.nan, angles, pose, *evidence, weights, False
     return FrameResult(outcome, pose, covariance, *best)
 
 

@@ -117,14 +117,14 @@ def test_a_fault_is_told_of_its_detector(sea, fault, place, words):
         (LIGHTS, {"flicker": (0, 0.04, 0)}, "lamps[1] flickers by "),
         (LIGHTS, {"powers": (1, 1, 0)}, "lamps[2]: no light: switch it on"),
         (LIGHTS, {"channels": (1, 0, 2)}, "the lamp's light is not explained"),
-        (LIGHTS, {"channels": (1, 2, 0)}, "the lamps appear rolled by 11"),
+        (LIGHTS, {"channels": (1, 2, 0)}, "the lamps appear rolled by 120 deg"),
         (LIGHTS, {"at": (-6.5, 0, 0, 0, 0)}, "the lamp is seen from x -6."),
     ],
 )
 def test_a_fault_of_the_whole_is_told(sea, fault, words):
     detectors, (text,) = faults_of(sea, **fault)
     assert not detectors
-    assert text.startswith(words)  # of 120 deg, less what the prior draws back
+    assert text.startswith(words)
 
 
 def test_the_lamp_has_to_shine_without_a_break():

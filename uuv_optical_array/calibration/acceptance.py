@@ -24,7 +24,9 @@ LAMP = (
 FALSE_ALARM = 1e-6  # probability that a sound detector is called noisy
 MAX_MISFIT = 1e-3  # and that sound light is called unexplained; a fit to exchanged lamps is worse
 MAX_NOISE, MAX_LEVEL, MAX_FLICKER = 2.0, 0.02, 0.01  # times the scene's; of full scale; relative
-SPREAD, ROLLED_DEG = 0.05, 5.0  # of the gains before a calibration, and of what hands hold
+# Standard deviations of the gains before a calibration, and of the roll of what hands hold, or of
+# lamps that are exchanged: three of these look rolled by 120 deg.
+SPREAD, ROLLED_DEG = 0.05, 30.0
 MAX_OFF, MAX_TURN = 0.1, np.radians(10.0)  # of the range, and of a lamp that was placed by hand
 # Ratio of the range that the light shows and the given one. Light falls by its square, so that a
 # lamp may differ from the scene's by a factor of 1.4: twice what is expected of a rig as bought.

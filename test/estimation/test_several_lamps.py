@@ -5,7 +5,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 from fits import frame_of, guide_to, kinds_of, writer_of_fits
-from scenes import changed, squared_error, with_prior
+from scenes import changed, coarse, squared_error, with_prior
 from scipy.integrate import trapezoid
 
 from uuv_optical_array.core.errors import NoPose
@@ -23,6 +23,7 @@ from uuv_optical_array.estimation.least_squares.image_fit import CLEAR, ImageFit
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
 from uuv_optical_array.estimation.least_squares.problem import light_at, start_at
 from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import BEAM_SIGMA, ROLL
 from uuv_optical_array.forward.scene import load_scene
@@ -135,6 +136,13 @@ def test_a_lamp_that_is_off_is_left_out(estimator, dark):
         out = np.zeros((15, 5), dtype=bool)
         out[rows] = True
         np.testing.assert_array_equal(np.isinf(variances), out.ravel())
+
+
+def test_a_match_reports_the_lamp_that_is_off():
+    matching = Estimator(build_table(coarse("leading_lights")), "sam")
+    image = MODEL.expose(np.array([-5.0, 0.1, 0.1, 0.0, 0.0]), np.random.default_rng(2))
+    image[5:10] = MODEL.noise.black
+    assert matching.estimate(image).fault == "dark lamp: lamps[1] is off or hidden"
 
 
 def test_poses_behind_clouds_that_shade_each_lamp_otherwise_are_as_wide_as_their_errors():

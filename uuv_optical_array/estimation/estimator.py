@@ -329,6 +329,8 @@ class Estimator:
             misfit=fitted.misfit,
             runner_up_misfit=fitted.runner_up_misfit,
             clear=fitted.clear,
+            left_out=fitted.left_out,
+            dark_lamp=fitted.dark_lamp,
         )
 
     def lineariser(

@@ -119,7 +119,7 @@ class FrameLight(NamedTuple):
 
 @dataclass(frozen=True)
 class PriorSettings:
-    """Standard deviations of the unknown (0: known), and how often and how long light is uneven."""
+    """Standard deviations of the unknown, and how often and how long light is uneven."""
 
     known: Annotated[
         Known, Quantity("set of values for the keys of the prior that are not given")
@@ -160,7 +160,13 @@ class PriorSettings:
     ] = 0.0
     ambient_gradient_std_counts: Annotated[
         float,
-        Quantity("standard deviation of the ambient's rise from middle to edges", "counts", 0, 1e6),
+        Quantity(
+            "standard deviation of the ambient's rise from middle to edges; 0: in a track that of "
+            "the level, unless the scene has ambient or a shade_probability",
+            "counts",
+            0,
+            1e6,
+        ),
     ] = 0.0
     gain_std: Annotated[
         float, Quantity("relative standard deviation of each detector's gain", "", 0, 0.3)
@@ -210,7 +216,13 @@ class PriorSettings:
     ] = 5.0
     uneven_probability: Annotated[
         float,
-        Quantity("share of the frames with uneven light, where shade_probability is 0", "", 0, 0.5),
+        Quantity(
+            "share of the frames with uneven light, where shade_probability is 0; of several lamps "
+            f"at least {UNEVEN_BY_LAMPS:g}",
+            "",
+            0,
+            0.5,
+        ),
     ] = 0.0
 
     def nuisance_std(self) -> dict[str, float]:

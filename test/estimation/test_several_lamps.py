@@ -205,9 +205,9 @@ def test_a_lamp_that_shines_alone_among_several_gets_no_pose(estimator, lit):
 def test_no_search_with_all_lamps_where_one_is_dark(estimator, monkeypatch):
     rng, starts = np.random.default_rng(7), []
 
-    def find(problem, guide, poses):
+    def find(problem, guide, poses, few):
         starts.append(len(poses))
-        return find_minima(problem, guide, poses)
+        return find_minima(problem, guide, poses, few)
 
     monkeypatch.setattr(one_frame, "find_minima", find)
     image, _, _ = drawn(rng)

@@ -23,6 +23,7 @@ from uuv_optical_array.estimation.least_squares.posterior import (
     laplace,
 )
 from uuv_optical_array.estimation.least_squares.problem import (
+    FEW_STEPS,
     MOST_STEPS,
     Problem,
     State,
@@ -52,6 +53,11 @@ DISTINCT = 3.0
 NEGLIGIBLE = 12.0
 # The covariance covers minima up to this much less likely, to `DISTINCT` standard deviations.
 RIVAL = 6.0
+# Steps after which the damping restarts: the first ones, from far away, may damp too much.
+LONG_STEPS = 2
+# Near the lamp valleys are long and bent: so many minima of few lit detectors are followed to their
+# end, in more steps.
+FOLLOWED = 16
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
 # How a frame is estimated: with all readings, or with weights by their residuals; or by one linear
@@ -118,11 +124,13 @@ def insert(minima: list[State], state: State) -> None:
             minima[i], minima[i - 1] = minima[i - 1], minima[i]
 
 
-def descend(problem: Problem, minima: list[State], start: Array) -> None:
-    """Add the minimum that coordinates and nuisances lead to, unless that is soon a known one."""
+def descend(problem: Problem, minima: list[State], start: Array, steps: int) -> None:
+    """Refine coordinates, unless they lead to one of the minima from above."""
     state = evaluate(problem, start)
     damping = first_damping(state)
-    for _ in range(MOST_STEPS):
+    for k in range(steps):
+        if k == LONG_STEPS:
+            damping = first_damping(state)
         if damping == 0:
             break
         proposed = propose(problem, state, damping)
@@ -133,16 +141,17 @@ def descend(problem: Problem, minima: list[State], start: Array) -> None:
     insert(minima, state)
 
 
-def find_minima(problem: Problem, guide: Guide, starts: Array) -> list[State]:
+def find_minima(problem: Problem, guide: Guide, starts: Array, few: bool) -> list[State]:
     """Return the minima that poses lead to, best first.
 
     Those of a large array are found by few of its detectors, and refined by all.
 
     - starts: poses of level followers, shape ``(k, 5)``.
+    - few: whether few detectors are lit.
     """
     if len(guide.readings) == len(problem.readings):
-        return search(problem, starts)
-    found = search_few(thinned(problem, guide.readings, guide.blur), starts)
+        return search(problem, starts, few)
+    found = search_few(thinned(problem, guide.readings, guide.blur), starts, few)
     minima = found[:0]
     for state in found:
         if state.cost - found[0].cost < NEGLIGIBLE:
@@ -158,16 +167,22 @@ def minimum_from(problem: Problem, start: Array) -> list[State]:
     return minima
 
 
-def search_few(given: Problem, starts: Array) -> list[State]:
+def search_few(given: Problem, starts: Array, few: bool) -> list[State]:
     """Return the minima that `search` finds; the caller keeps the arrays that are borrowed."""
-    return search(borrowed(given), starts)
+    return search(borrowed(given), starts, few)
 
 
-def search(problem: Problem, starts: Array) -> list[State]:
+def search(problem: Problem, starts: Array, few: bool) -> list[State]:
     """Return what `find_minima` does, by all readings of a problem."""
+    steps = FEW_STEPS if few else MOST_STEPS
     minima = minimum_from(problem, start_at(problem, starts[0]))
     for i in range(1, len(starts)):
-        descend(problem, minima, start_at(problem, starts[i]))
+        descend(problem, minima, start_at(problem, starts[i]), steps)
+    if not few:
+        return minima
+    found, minima = minima[:FOLLOWED], minima[:0]
+    for state in found:
+        insert(minima, refine(problem, state.at, MOST_STEPS))
     return minima
 
 
@@ -235,12 +250,13 @@ def estimate_frame(
         minima = minimum_from(problem, start)
     else:
         kept = problem.readings[guide.readings]
+        few = not guide.gaussian and lit(kept, problem) < FEW_LIT
         starts = guide.poses[rows[: guide.candidates]]
         if len(place) > 0:
             starts = place.reshape(1, 5)
-        elif not guide.gaussian and lit(kept, problem) < FEW_LIT:
+        elif few:
             starts = guide.poses[rows_alike(kept, guide, unit, MOST_STARTS)]
-        minima = find_minima(problem, guide, starts)
+        minima = find_minima(problem, guide, starts, few)
     result = result_of(problem, guide, minima, angles, log_faulty, given.weights)
     return write_result(result, written)
 

@@ -40,7 +40,9 @@ from uuv_optical_array.forward.prior import AMBIENT, of_lamp
 
 MAX_STEP = 0.3  # in every coordinate: beyond it the linear model is not valid
 STEEPEST = np.pi / 3  # pitch of a vehicle, rad
-MOST_STEPS: Any = np.int64(40)  # a NumPy integer, as Numba compiles again for each literal
+# NumPy integers, as Numba compiles again for each literal.
+FEW_STEPS: Any = np.int64(12)
+MOST_STEPS: Any = np.int64(40)
 # Decrement from which the next step, a tenth of a standard deviation, arrives to second order.
 ARRIVED = 5e-3
 # Of `settle`: damping of the first step, and how many without gain it takes before it goes back.

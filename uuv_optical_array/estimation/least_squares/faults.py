@@ -25,7 +25,7 @@ from uuv_optical_array.estimation.least_squares.starts import Guide, least_of, r
 from uuv_optical_array.forward.noise import ReadingNoise, reading_variance
 
 FAULTY = 1e-2  # probability that a detector is faulty, in an image that does not fit
-EACH = 0.25  # and that it is then dark, dimmed, brighter or at full scale
+AT_LIMIT = 0.25  # and how often it is then dark, or at full scale, for one that is neither
 # Cost of a detector, that of three standard deviations, beyond which it has little weight: where
 # one is faulty, others are doubted early. Each further lamp adds the growth of a chi-square with
 # its degrees of freedom.
@@ -99,15 +99,15 @@ def log_faulty(
     for j in range(len(light)):
         doubt, reading = 1 - weights[j], readings[j]
         if noise.low < reading < noise.high:
-            # A dimmed one reads any share of its light; brighter ones are rarer, the brighter.
+            # Half are dimmed, to any share of the light, and half brighter, ever more rarely.
             own = max(light[j] - noise.black, dimmest)
             brighter = max(reading - noise.black, own)
             # The cost of readings leaves out what the variance adds where that does not grow.
             variance = 1.0 if grows(noise) else reading_variance(light[j], noise)
-            density = EACH * own / (brighter * brighter)
+            density = 0.5 * own / (brighter * brighter)
             log += doubt * (np.log(faulty * density) + 0.5 * np.log(2 * np.pi * variance))
         else:
-            log += doubt * np.log(faulty * EACH)
+            log += doubt * np.log(faulty * AT_LIMIT)
     return log
 
 

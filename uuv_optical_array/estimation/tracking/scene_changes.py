@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,7 +83,7 @@ def _written(scene: Scene, name: str) -> tuple[str, Any]:
     """Return where a scene has a constant, and what it has there; ``None``: it cannot hold it."""
     *group, setting = name.split(".")
     if group[0] == "lamps" and len(group) > 1:
-        return f"lamps[{group[1]}].{setting}", asdict(scene.lamps[int(group[1])])[setting]
+        return f"lamps[{group[1]}].{setting}", getattr(scene.lamps[int(group[1])], setting)
     written = scene.settings().get(group[0], scene.effects.get(group[0], {}))
     key = name if group[0] in GROUPS else f"effects.{name}"
     if name in (POWER, ROLL, *GRADIENTS) or "half_angle_deg" in written:

@@ -138,7 +138,8 @@ def _error_along(fit: CalibrationFit, direction: Array, step: float) -> tuple[fl
         return at.cost - at.shift_decrement
 
     back, here, forth = (moved(by, likelihood.readings) for by in (-step, 0.0, step))
-    score, gradient, information = cost(back) - cost(forth), here.gradient, here.information
+    score = (cost(back) - cost(forth)) / (2 * step)
+    gradient, information = here.gradient, here.information
     # Without noise the changes of the gradient are those of Gauss-Newton.
     back, here, forth = (moved(by, state.mean) for by in (-step, 0.0, step))
     own = (cost(back) + cost(forth) - 2 * cost(here)) / step**2
@@ -149,5 +150,5 @@ def _error_along(fit: CalibrationFit, direction: Array, step: float) -> tuple[fl
     left = own - float(crossed @ taken_up[:, 0])
     if not left > LEAST_LEFT * own:
         return 0.0, math.inf
-    size = (score / (2 * step) - float(crossed @ taken_up[:, 1])) / left
+    size = (score - float(crossed @ taken_up[:, 1])) / left
     return size, math.sqrt(max(1.0, fit.agreement.misfit) / left)

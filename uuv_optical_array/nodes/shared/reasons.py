@@ -127,7 +127,7 @@ WARNINGS = {
     "not engaged": "Call the node's service `~/engage` (std_srvs/SetBool) with true.",
     "follower waits": "Start the leader (`demo:=leader`), or let `leader_odometry` name its topic.",
     "left out": "Start that vehicle, or name in `others` only vehicles that are running.",
-    "leader waits": ("Wait until each follower has its light and no `fit` is being compiled."),
+    "leader waits": "Wait until each follower has its light and no `fit` is being compiled.",
 }
 
 # Errors of the set-up: the node does not work until it is corrected. ERROR.

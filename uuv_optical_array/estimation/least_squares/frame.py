@@ -6,7 +6,7 @@ posterior about the best one.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -64,6 +64,8 @@ FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
 # step; or only linearised.
 BELIEVED, DOUBTED, ONE_STEP, LINEARISED = range(4)
 NOWHERE: Array = np.empty(0)
+# Outcome, scores of best and next minimum, evidence, that by Laplace, whether wider.
+Numbers: TypeAlias = tuple[int, float, float, float, float, bool]
 # Rows of what a frame writes, after the five of the covariance.
 POSE_ROW, RUNNER_UP_ROW, BEST_ROW, ANGLES_ROW = range(5, 9)
 
@@ -219,7 +221,7 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
 
 def estimate_frame(
     given: Problem, to_start: Guide, way: int, place: Array, written: Array
-) -> tuple[int, float, float, float, float, bool]:
+) -> Numbers:
     """Estimate the pose of one image, or linearise it: together they are compiled in less time.
 
     Arrays are written, and none is returned: Numba returns an array by way of Python code, in which
@@ -239,7 +241,7 @@ def estimate_frame(
         write_linear(problem.optics, problem.noise, problem.readings, place, problem.roll, written)
         return NO_START, np.nan, np.nan, np.nan, np.nan, False
     if way == ONE_STEP:
-        return write_result(one_step(problem, place, given.weights), written)
+        return one_step(problem, place, written)
     start, log_faulty = place, 0.0
     if way == DOUBTED:
         start, log_faulty = disbelieve(problem, guide)
@@ -257,25 +259,22 @@ def estimate_frame(
         elif few:
             starts = guide.poses[rows_alike(kept, guide, unit, MOST_STARTS)]
         minima = find_minima(problem, guide, starts, few)
-    result = result_of(problem, guide, minima, angles, log_faulty, given.weights)
-    return write_result(result, written)
+    return result_of(problem, guide, minima, angles, log_faulty, written)
 
 
-def write_result(
-    result: FrameResult, written: Array
-) -> tuple[int, float, float, float, float, bool]:
-    """Write the arrays of a result to rows, and return its numbers in their order."""
+def write_rows(
+    written: Array, pose: Array, covariance: Array, runner_up: Array, best: Array, angles: Array
+) -> None:
+    """Write the arrays of a result to `new_rows`."""
     for i in range(5):
-        written[i, :5] = result.covariance[i]
-    written[POSE_ROW, :5], written[RUNNER_UP_ROW, :5] = result.pose, result.runner_up
-    written[BEST_ROW, : len(result.best)] = result.best
-    written[ANGLES_ROW, :2] = result.angles[:2]
-    evidence = result.log_evidence, result.linear_log_evidence
-    return (result.outcome, result.score, result.runner_up_score, *evidence, result.wider)
+        written[i, :5] = covariance[i]
+    written[POSE_ROW, :5], written[RUNNER_UP_ROW, :5] = pose, runner_up
+    written[BEST_ROW, : len(best)] = best
+    written[ANGLES_ROW, :2] = angles[:2]
 
 
 def new_rows(problem: Problem) -> Array:
-    """Return the rows that `write_result` writes."""
+    """Return the rows that `estimate_frame` writes."""
     return np.empty((ANGLES_ROW + 1, 5 + len(problem.nuisance_mean)))
 
 
@@ -308,9 +307,9 @@ def result_of(
     minima: list[State],
     angles: Array,
     log_faulty: float,
-    weights: Array,
-) -> FrameResult:
-    """Return what a frame leaves of the pose, by the minima of its cost, best first.
+    written: Array,
+) -> Numbers:
+    """Write and return what the minima of a frame's cost, best first, leave of the pose.
 
     - log_faulty: logarithm of the probability of what the weights leave out.
     """
@@ -336,24 +335,12 @@ def result_of(
         outcome = FITTED if sound else NO_COVARIANCE
         if len(minima) > 1:
             runner_up, runner_up_score = minima[1].pose, misfit(problem, minima[1].at)
-    return FrameResult(
-        outcome=outcome,
-        pose=pose,
-        covariance=covariance,
-        score=score,
-        runner_up=runner_up,
-        runner_up_score=runner_up_score,
-        angles=angles,
-        best=best,
-        log_evidence=evidence,
-        linear_log_evidence=by_laplace,
-        weights=weights,
-        wider=wider,
-    )
+    write_rows(written, pose, covariance, runner_up, best, angles)
+    return outcome, score, runner_up_score, evidence, by_laplace, wider
 
 
-def one_step(problem: Problem, place: Array, weights: Array) -> FrameResult:
-    """Return the Gaussian that one linear step from pose and nuisances leads to, as a frame."""
+def one_step(problem: Problem, place: Array, written: Array) -> Numbers:
+    """Write and return the Gaussian that one linear step from pose and nuisances leads to."""
     at = place.copy()
     at[:5] = from_pose(problem.frame, place, problem.roll)
     state = evaluate(problem, at)
@@ -362,20 +349,9 @@ def one_step(problem: Problem, place: Array, weights: Array) -> FrameResult:
     _, pose, _ = to_lamp(problem.frame, best, problem.roll)
     best[:5] = stack(*pose)
     log_evidence = moments.log_weight + decrement + log_density(problem.nuisance_std)
-    return FrameResult(
-        outcome=FITTED,
-        pose=best[:5].copy(),
-        covariance=moments.covariance,
-        score=np.nan,
-        runner_up=np.full(5, np.nan),
-        runner_up_score=np.nan,
-        angles=np.full(2, np.nan),
-        best=best,
-        log_evidence=log_evidence,
-        linear_log_evidence=log_evidence,
-        weights=weights,
-        wider=False,
-    )
+    nothing: Array = np.full(5, np.nan)
+    write_rows(written, best[:5], moments.covariance, nothing, best, nothing)
+    return FITTED, np.nan, np.nan, log_evidence, log_evidence, False
 
 
 def log_density(stds: Array) -> float:

@@ -106,6 +106,21 @@ def test_a_sweep_that_does_not_tell_is_refused_with_a_cure(change, how, words):
         found(5, change, np.random.default_rng(3), **how)
 
 
+@pytest.mark.parametrize("sign", [0, 1])
+def test_a_torch_that_shines_at_first_need_only_be_switched_off(sign):
+    """Held still or moved: what is darker than the first second is the background."""
+    rng, rate = np.random.default_rng(6), 10**9 // RATE_HZ
+    run = list(torch_run(5, rng))
+    start = run[0][0] - 2 * RATE_HZ * rate
+    sweeps = TorchSweeps(5, FULL)
+    for i in range(2 * RATE_HZ):
+        torch = 1000 + 500 * sign * np.sin(i / 5)
+        sweeps.take(start + i * rate, np.rint(200 + torch + rng.normal(0, 2, (5, 5))))
+    for stamp, image in run:
+        sweeps.take(stamp, image)
+    assert sweeps.wiring == list(range(25))
+
+
 def test_two_sweeps_along_one_axis_are_told():
     sweeps = TorchSweeps(5, FULL)
     run = list(torch_run(5, np.random.default_rng(5)))

@@ -7,6 +7,7 @@ a sphere this holds for a torch that follows its surface: detectors at the edge 
 one that passes straight before the array too early or too late.
 """
 
+from collections import deque
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -45,6 +46,7 @@ class TorchSweeps:
         self, side: int, full_scale_counts: float, show: Callable[[str], None] = lambda text: None
     ) -> None:
         self._side, self._full_scale, self._show = side, full_scale_counts, show
+        self._recent: deque[tuple[int, Array]] = deque()
         self._dark: list[tuple[int, Array]] = []
         self._sweep: list[tuple[int, Array]] = []
         self._places: list[NDArray[np.intp]] = []  # column of each reading, then its row
@@ -71,14 +73,9 @@ class TorchSweeps:
         ValueError where a sweep does not separate columns or rows, with what to do about it.
         """
         readings, self._last_ns = self._by_lamp(image), stamp_ns
+        if not self._sweep and not self._places:
+            self._take_dark(stamp_ns, readings)
         if self._background is None:
-            self._dark.append((stamp_ns, readings))
-            if stamp_ns - self._dark[0][0] >= self.first_dark_s * 1e9:
-                dark = np.array([image.sum(axis=0) for _, image in self._dark])
-                self._visible = LIT_SIGMAS * max(float(dark.std(axis=0).max()), ROUNDING)
-                self._lit = max(self._visible, LIT_SHARE * self._full_scale)
-                self._background = dark.mean(axis=0)
-                self._show(SWEEPS[0])
             return
         light = readings.sum(axis=0) - self._background
         self._rise = float(light.max())
@@ -88,13 +85,29 @@ class TorchSweeps:
         elif self._sweep and stamp_ns - self._lit_ns >= DARK_S * 1e9 and self.wiring is None:
             self.end_sweep()
 
+    def _take_dark(self, stamp_ns: int, readings: Array) -> None:
+        """Let the darkest `first_dark_s` before the first sweep be the background."""
+        self._recent.append((stamp_ns, readings))
+        while len(self._recent) > 1 and stamp_ns - self._recent[1][0] >= self.first_dark_s * 1e9:
+            self._recent.popleft()
+        if stamp_ns - self._recent[0][0] < self.first_dark_s * 1e9:
+            return
+        dark = np.array([image.sum(axis=0) for _, image in self._recent])
+        if self._background is None:
+            self._show(SWEEPS[0])
+        elif dark.mean() >= self._background.mean():
+            return
+        self._dark, self._background = list(self._recent), dark.mean(axis=0)
+        self._visible = LIT_SIGMAS * max(float(dark.std(axis=0).max()), ROUNDING)
+        self._lit = max(self._visible, LIT_SHARE * self._full_scale)
+
     @property
     def missing(self) -> str:
         """What was not seen so far, and what to look at; empty where all was."""
-        if not self._dark:
+        if not self._recent:
             return "no image: start the node that publishes them, and compare the topic's name"
         if self._background is None:
-            seen = (self._last_ns - self._dark[0][0]) * 1e-9
+            seen = (self._last_ns - self._recent[0][0]) * 1e-9
             return f"the background: {seen:.2g} of {self.first_dark_s:g} s of images were seen"
         if self.wiring is not None:
             return ""

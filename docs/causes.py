@@ -5,12 +5,12 @@ What to do about each stands in ``uuv_optical_array/nodes/shared/reasons.py``.
 
 CAUSES = {
     "no light": (
-        "No detector reads `min_peak_counts` more than in darkness, or it may be daylight, as "
-        "where the lamp is off, out of sight or too far."
+        "No detector reads `min_peak_counts` more than in darkness, or the light may be daylight: "
+        "the lamp is off, out of sight or too far."
     ),
     "no pattern": (
-        "All detectors read the same, or each 0 or full scale, as by a lamp too near, a shorted "
-        "array or daylight."
+        "All readings are the same, or each is 0 or full scale: a lamp too near, a shorted array "
+        "or daylight."
     ),
     "above full scale": "A reading exceeds the scene's full scale.",
     "not five finite numbers": "The message has no valid key parameters.",
@@ -18,21 +18,20 @@ CAUSES = {
     "another image": "The key parameters are not those of the image with their stamp.",
     "frozen": "A frame is equal to one of the last 32, even in its noise.",
     "no match": (
-        "No signature is within `max_angle_rad`, as where the pose is beyond the table or the sea "
-        "differs."
+        "No signature is within `max_angle_rad`: the pose is beyond the table, or the sea differs."
     ),
     "no fit": (
-        "The fit finds no pose, as with another lamp or sea, daylight, a shadow, dirty or dead "
-        "detectors, exchanged wires, several lamps off, or a pitch of almost 60 deg or more."
+        "No pose explains the image: another lamp or sea, daylight, a shadow, dirty or dead "
+        "detectors, exchanged wires, several lamps off, or a pitch near 60 deg or more."
     ),
     "outlier": (
-        "The pose is too far from the track, or its lamp is not taken for the leader's, as by a "
-        "reflection, another lamp, or too fast a manoeuvre."
+        "The pose is too far from the track, or its lamp is not taken for the leader's: a "
+        "reflection, another lamp, or a fast manoeuvre."
     ),
-    "too uncertain": "The range is too uncertain to steer by, as by few or dim readings.",
+    "too uncertain": ("The range is too uncertain to steer by: few or dim readings."),
     "late frame": (
-        "A newer frame came first. The pose of the late one is not published; within `buffer_s` "
-        "it is tracked."
+        "A newer frame came first. The late pose is not published; within `buffer_s` it enters "
+        "the track."
     ),
     "repeated stamp": "Two frames have the same stamp.",
     "stamp not later": "A stamp is repeated, missing, or in the wrong order.",
@@ -41,10 +40,12 @@ CAUSES = {
     ),
     "wrong frame": "The track is not in `beacon_frame`.",
     "no image": "Key parameters came without an image of their stamp.",
-    "no table": "The node could not be set up, as where its signature table cannot be read.",
+    "no table": (
+        "The node could not be set up, for example as its signature table cannot be read."
+    ),
     "no roll": (
-        "The last `imu` message is more than `max_imu_age_s` from the image. Its roll is used, "
-        "less certain; before the first there is no pose."
+        "The last `imu` message is more than `max_imu_age_s` from the image. Its roll is used as "
+        "less certain; before the first message there is no pose."
     ),
     "no orientation": "The IMU gives no orientation.",
     "not finite": "NaN or infinity, in a message or, if `not published`, by this node.",
@@ -65,11 +66,9 @@ CAUSES = {
     "rate": "A rate of the pose is beyond what vehicles reach, in m/s or rad/s.",
     "range": "The range is not from 1 mm to 10 km.",
     "range std": "The range's standard deviation is out of bounds.",
-    "false range": (
-        "The range is too far from the track, as by an echo, or where lamp or sea have changed."
-    ),
-    "late range": "The range is more than `buffer_s` older than the newest pose, and not used.",
-    "repeated range": "Two ranges have the same stamp; the later one is not used.",
+    "false range": ("The range is too far from the track: an echo, or lamp or sea have changed."),
+    "late range": ("The range is more than `buffer_s` older than the newest pose."),
+    "repeated range": ("Two ranges have the same stamp; only the first is used."),
     "range without light": "No pose is near the range in time. A range alone gives none.",
     "late motion": "The message of the leader's motion is older than 3 s.",
     "motion": "The leader's motion is out of bounds.",
@@ -89,7 +88,7 @@ CAUSES = {
     "several publishers": "A topic has more than one publisher.",
     "mismatch": (
         "Many images differ from the scene by more than its prior; the text names the best "
-        "explanation. Poses and what the track learns do not change."
+        "explanation. Poses and track are not corrected for it."
     ),
     "old stamps": "A stamp is more than 5 s old: of another clock than the node's, or too late.",
     "future stamps": "A stamp is more than 1 s ahead: of another clock than the node's.",
@@ -97,32 +96,30 @@ CAUSES = {
     "zero stamp": "A message has no stamp.",
     "dark lamp": "One of several lamps gives no light where the pose predicts some.",
     "faulty detector": (
-        "A detector does not read the light that the others tell, as where it is dead, stuck, "
-        "dirty, shaded or in a glint. The pose is that of the others."
+        "A detector does not fit the others: dead, stuck, dirty, shaded or in a glint. The pose "
+        "is estimated from the others."
     ),
-    "coasting": (
-        "No pose steers; the follower goes on as its leader did, led by what light there is."
-    ),
+    "coasting": ("No pose steers; the follower goes on as its leader did."),
     "searching": "No light steered for `coast_s`, or from the start, or `~/search` was called.",
     "lost": "The search ended after `search_time_s`, or because no image came for 2 s.",
     "slow station": (
-        "The station is so near the minimum distance that the follower goes slowly, to stop in "
-        "time if the light goes out."
+        "The station is near the minimum distance, so the follower goes slowly, to stop in time "
+        "if the light goes out."
     ),
     "not engaged": (
         "The node does not steer, by `~/engage` or `start_engaged`, or by `when_lost`."
     ),
     "follower waits": "The demonstration's follower has no leader.",
     "left out": (
-        "The pose of another vehicle is missing at the instant of an image, which lacks its lamp "
-        "and its body."
+        "The pose of another vehicle is missing at the stamp of an image; its lamp and body are "
+        "not drawn."
     ),
     "leader waits": (
-        "A follower's first command, its leader's light or its compiled fit is missing."
+        "A follower still lacks its first command, its leader's light or its compiled fit."
     ),
     "table": (
-        "The folder is missing, incomplete, damaged, or of another scene or version, or its table "
-        "has fewer than two rows or is too large for the memory."
+        "The folder is missing, incomplete, damaged, or of another scene or version; or its table "
+        "has fewer than two rows, or is too large for the memory."
     ),
     "scene": "No pose of the scene's table has light, or the table is too large for the memory.",
 }

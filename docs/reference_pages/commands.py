@@ -94,15 +94,16 @@ def commands() -> list[str]:
     settings = [name for name in common if re.match(r"\w+=", name)]
     parts = [
         "# Commands",
-        "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`, in a clone after "
-        "`make follow` `.venv/bin/uuv_array COMMAND`; `--help` has examples. Defaults are in "
-        "brackets. The exit code is 1 if the result is negative, such as a lost leader, or the "
-        "work fails, 2 for an unusable command line, and 130 after Ctrl-C; a study, except "
-        "`paper`, then reports what it has.",
+        "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`; in a clone, after "
+        "`make follow`, `.venv/bin/uuv_array COMMAND`. `--help` has examples. Defaults are in "
+        "brackets.",
+        "The exit code is 1 if the result is negative, such as a lost leader, or the work fails; "
+        "2 for an unusable command line; 130 after Ctrl-C. A study, except `paper`, then reports "
+        "what it has.",
         "## Common options",
         option_list({name: of for name, of in common.items() if name not in settings}),
-        "By `--set`, of a bag or a table (`calibrate` takes neither commands nor states, `view` "
-        "no table, `commission` the images alone):",
+        "Settings of a bag or a table, for `--set`; `calibrate` takes neither commands nor states, "
+        "`view` no table, `commission` only the images:",
         option_list({name: common[name] for name in settings}),
     ]
     for parser in parsers:

@@ -44,7 +44,7 @@ VALUES = (
     (
         "`method`, `fit`",
         "estimator",
-        "the method; the fit of `least_squares`: `compiled`, or slower, in Python, `as it stands`",
+        "the method; the fit of `least_squares`: `compiled`, or `as it stands`, which is slower",
     ),
     (
         "`angle_rad`, `runner_up_angle_rad`",
@@ -70,17 +70,17 @@ VALUES = (
     (
         "`own_motion`",
         "estimator",
-        "whether `cmd_vel` is used: `told`; `not told`, where none came for `command_timeout_s`, "
-        "or by another clock, or `use_commands` is false; `contradicted` by the images and not "
-        "used, as where the follower does not obey, or it is not in m/s and rad/s along its own "
-        "axes; if that lasts, set `use_commands` to false",
+        "whether `cmd_vel` is used: `told`: it is; `not told`: none came for `command_timeout_s`, "
+        "its clock differs, or `use_commands` is false; `contradicted`: the images disagree, and "
+        "it is not used. If `contradicted` lasts, check that the follower obeys `cmd_vel`, in m/s "
+        "and rad/s along its own axes, or set `use_commands` to false",
     ),
     ("`range`", "estimator", "difference of the last range from the track, and whether it is used"),
     (
         "`learnt_...`",
         "estimator",
-        "difference of a constant from the scene's, by the track, and its standard deviation: of "
-        "power, scattering and radius that of the logarithm",
+        "difference of a constant from the scene's, by the track, and its standard deviation; of "
+        "power, scattering and radius as logarithms",
     ),
     ("`scene_...`", "estimator", "value to write into the scene, where the sea differs"),
 )
@@ -90,8 +90,9 @@ def diagnostics() -> list[str]:
     """Return the page of the texts that nodes show."""
     parts = [
         "# Diagnostics",
-        "The warnings and errors on `/diagnostics`, by how their texts begin, with cause and, in "
-        "italics, cure. The topic and a comma may stand before a text. "
+        "The warnings and errors on `/diagnostics` by the beginning of their texts, with cause "
+        "and, in italics, cure. Causes after a colon are examples. A topic and a comma may stand "
+        "before a text. "
         "[Operations](../how_to/operations.md) says where to begin.",
     ]
     for heading, kinds in (
@@ -103,9 +104,9 @@ def diagnostics() -> list[str]:
     return [
         *parts,
         "## Values",
-        "Counts are since the start, but for that of the window of about 5 s at most. What is "
-        "shown of an image or a pose is of the newest of the last second. The nodes are in "
-        "brackets.",
+        "The nodes are in brackets. Counts are since the start, but for `Events in window`, of "
+        "about 5 s at most. What is shown of an image or a pose is of the newest of the last "
+        "second.",
         "\n".join(f"- {names} ({of}): {meaning}" for names, of, meaning in VALUES),
     ]
 

@@ -15,8 +15,8 @@ def mismatches() -> list[str]:
     parts = [
         "# Kinds of mismatch",
         "The kinds of `uuv_array study robustness` ([results](../results/robustness.md)): what "
-        "differs from the scene and, in italics, what to do about it. In brackets is by how much, "
-        "in standard deviations of the prior `known: calibrated`.",
+        "differs from the scene, in brackets by how many standard deviations of the prior "
+        "`known: calibrated`, and, in italics, what to do about it.",
     ]
     for cure in dict.fromkeys(kind.cure for kind in KINDS):
         named = {
@@ -35,16 +35,25 @@ def troubles() -> list[str]:
         "# Kinds of trouble",
         "The troubles of a follower in `uuv_array study envelope` "
         "([results](../results/envelope.md)). Of them the estimator knows only the clouds of "
-        "`night_plume`. Unless stated otherwise the leader sets off once all followers are locked, "
-        "and moves at 0.5 m/s: straight on in the groups Darkness and Leader and in a chain, else "
-        "on the demonstration's path. Currents and other speeds of the way begin as it sets off, "
-        "manoeuvres that a kind names 15 s later. Light, water and IMU change 15 s after the start "
-        "of the run, or 20 s where the leader's lamp goes out beside another one. Wrong detectors, "
-        "clouds that the scene names and, but in `other_instead`, equal lamps aside are there from "
-        "the start.",
+        "`night_plume`. Unless a kind says otherwise:",
+        "- The leader sets off once all followers are locked, and moves at 0.5 m/s: straight on in "
+        "the groups Darkness and Leader and in a chain, else on the demonstration's path.\n"
+        "- Currents and other speeds begin as the leader sets off, its manoeuvres 15 s later.\n"
+        "- Light, water and IMU change 15 s after the start of the run; the leader's lamp goes out "
+        "beside another one after 20 s.\n"
+        "- Wrong detectors, the clouds of `night_plume` and equal lamps aside are there from the "
+        "start, except in `other_instead`.",
+        "Each kind with `at once` has two more: `..._slow` changes within 30 s, `..._back` at once "
+        "and is as before after 30 s.",
     ]
+    once = {kind.name for kind in TROUBLES if kind.what.endswith(", at once.")}
+    more = {f"{name}{way}" for name in once for way in ("_slow", "_back")}
     for group in dict.fromkeys(kind.group for kind in TROUBLES):
-        named = {f"`{kind.name}`": kind.what for kind in TROUBLES if kind.group == group}
+        named = {
+            f"`{kind.name}`": kind.what
+            for kind in TROUBLES
+            if kind.group == group and kind.name not in more
+        }
         parts += [f"## {group.capitalize()}", folded(named)]
     return parts
 

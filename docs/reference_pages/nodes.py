@@ -45,7 +45,7 @@ def parameters() -> list[str]:
     parts = [
         "# Node parameters",
         "Each is shown with its default and, in brackets, the bounds of a number, in the unit of "
-        "its name, or the words to choose from; with a star it is fixed when its node starts. "
+        "its name, or the words to choose from. One with a star is fixed when its node starts. "
         "`config/follow.yaml` explains each.",
         "## Common parameters",
         parameter_list(common),
@@ -73,8 +73,8 @@ def parameters() -> list[str]:
             f"## Arguments of `{name}`",
             f"{same} are as above."
             if same
-            else "An argument without a default changes nothing unless you give it, but for "
-            "`publish_tf` with `rviz`. Below, one without a meaning has that of this list.",
+            else "An argument without a default changes nothing unless you give it, except "
+            "`publish_tf` with `rviz`. In the lists below only a new default or meaning is shown.",
             "\n".join(lines),
         ]
         above = above or arguments
@@ -163,12 +163,12 @@ def topics() -> list[str]:
     ]
     return [
         "# Topics",
-        "Names in the table are relative, but for what `others` says, and can be remapped. "
-        "Publishers there are reliable, subscriptions best effort, but those of `follow_state` "
-        "reliable; `qos_overrides` parameters change both. "
-        "Every node also publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz, with "
-        "`publish_tf` some `/tf` or `/tf_static`. `<n>` counts the followers of a leader alone, "
-        "`<other>` is each of `others`. Filled marks publish, open ones subscribe.",
+        "Names in the table can be remapped. They are relative, except those that `others` gives "
+        "as absolute. Their publishers are reliable; their subscriptions are best effort, but "
+        "those of `follow_state` reliable. `qos_overrides` parameters change both. "
+        "Every node also publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz; with "
+        "`publish_tf` some publish `/tf` or `/tf_static`. `<n>` counts the followers of a leader "
+        "alone, `<other>` is each of `others`. Filled marks publish, open ones subscribe.",
         "![Nodes and topics](../pictures/nodes.svg)",
         table(("topic", "type", "published by", "subscribed by"), rows),
         "\n".join(
@@ -180,23 +180,28 @@ def topics() -> list[str]:
                 "- `relative_pose`: the follower's `base_link` in the leader's `beacon`, by one "
                 "image; `relative_odometry`: the same by the track of many; `leader_pose`: the "
                 "lamp in the follower's `base_frame`.",
-                "- `follow_state`: what the follower does. Its message is "
-                "[the state](../how_to/operations.md#states), its values are `reason`, "
-                "`since (s)`, on the node's clock, and `for (s)`. It comes at each change "
-                "and at 1 Hz, and a reliable, transient-local subscriber that comes later gets the "
-                "last one.",
+                "- `follow_state`: [the state](../how_to/operations.md#states) as the message, and "
+                "the values `reason`, `since (s)`, on the node's clock, and `for (s)`; at each "
+                "change and at 1 Hz. A reliable, transient-local subscriber that comes later gets "
+                "the last one.",
                 "- `markers`: for RViz, beam and body by `estimator_node`, station and state by "
                 "`formation_node`.",
                 "- `range`: distance from the lamp to the follower's `base_link`; `odometry`: the "
                 "follower's own.",
             ]
         ),
-        "`estimator_node` takes `array/image` alone where its `method` is `least_squares`, which "
-        "needs no feature node; else it takes `array/features` and, with `use_image`, the image of "
-        "the same stamp. With `use_commands`, `use_imu` and `use_range` it takes `cmd_vel`, `imu` "
-        "and `range`, too. `formation_node` takes `odometry` with `use_odometry` and "
-        "`leader/odometry` with `use_leader_odometry`; its services are `~/engage` "
-        "(std_srvs/SetBool) and `~/search` (std_srvs/Trigger). A demonstration's leader hears "
-        "`/diagnostics`, sets off by the followers' `cmd_vel` and `follow_state`, and obeys "
-        "`leader/cmd_vel`.",
+        "What the nodes take depends on parameters:",
+        "\n".join(
+            [
+                "- `estimator_node`: by `least_squares` only `array/image`, so that it needs no "
+                "feature node; by the other methods `array/features` and, with `use_image`, the "
+                "image of the same stamp. With `use_commands`, `use_imu` and `use_range` also "
+                "`cmd_vel`, `imu` and `range`.",
+                "- `formation_node`: `odometry` with `use_odometry`, `leader/odometry` with "
+                "`use_leader_odometry`. Its services are `~/engage` (std_srvs/SetBool) and "
+                "`~/search` (std_srvs/Trigger).",
+                "- A demonstration's leader sets off by the followers' `cmd_vel`, `follow_state` "
+                "and `/diagnostics`, and obeys `leader/cmd_vel`.",
+            ]
+        ),
     ]

@@ -30,15 +30,15 @@ def scene() -> list[str]:
     parts = [
         "# Scene files",
         "A scene is a YAML 1.2 file with the groups below and [`effects`](effects.md). Keys are "
-        "shown with their default and, in brackets, their values, in the unit of the key. Of those "
-        "without a default, a scene that extends none must give "
-        f"{', '.join(needed[:-1])} and {needed[-1]}, and others where their meaning says so.",
+        "shown with their default and, in brackets, their values, in the unit of the key. A scene "
+        f"that extends none must give {', '.join(needed[:-1])} and {needed[-1]}, and other keys "
+        "where their meaning says so.",
         "## `extends`",
         "The scene that this one changes: a ready one, or a file by its path from this one's "
         "folder. Mappings are merged, lists and values replaced; `null` takes away a setting, an "
         "effect or a group ([RFC 7396](https://www.rfc-editor.org/rfc/rfc7396)).",
-        "A YAML language server completes and checks scenes by the JSON schema "
-        "`config/scene.schema.json`, which `uuv_array scenes schema` prints, if a line says "
+        "`uuv_array scenes schema` prints the JSON schema of scenes, `config/scene.schema.json`. A "
+        "YAML language server completes and checks a scene by it, if a line says "
         "`# yaml-language-server: $schema=scene.schema.json`, the path from the scene's folder.",
     ]
     sets = {
@@ -47,8 +47,8 @@ def scene() -> list[str]:
         if of.as_bought
     }
     known = (
-        " In square brackets: `known: calibrated` and `as_bought`, of what the scene has; the "
-        "shape of one Gaussian is exact."
+        " In square brackets: the values by `known: calibrated` and `as_bought`, for what the "
+        "scene has; `beam_shape_std` of one Gaussian is 0."
     )
     for group, owner in {**GROUPS, "lamps": BeaconLamp}.items():
         told, more = (known, sets) if group == "prior" else ("", {})
@@ -71,11 +71,11 @@ def effects() -> list[str]:
     """Return the page of the effects."""
     parts = [
         "# Effects",
-        "Only the effects that a scene names are simulated, in this order, but for `pedestal`, "
-        "which comes before `saturation`. [Light and noise](../explanation/light.md#effects) "
-        "explains the forms in brackets, and which settings "
-        "exclude each other. Settings are shown as those of [a scene](scene.md); one without a "
-        "default must be given, except where there are several ways.",
+        "Only the effects that a scene names are simulated, in this order, except that `pedestal` "
+        "comes before `saturation`. [Light and noise](../explanation/light.md#effects) explains "
+        "the forms in brackets, and which settings exclude each other. Settings are shown as in "
+        "[a scene](scene.md). One without a default must be given, except where there are several "
+        "ways.",
     ]
     shown_before: set[str] = set()
     for name, effect in EFFECTS.items():

@@ -77,7 +77,7 @@ class SearchSettings(SightSettings):
     search_depth_m: Annotated[
         float,
         Quantity(
-            "largest change of depth from where light last steered, but to surface", "m", 0, 100
+            "largest change of depth from where light last steered, except to surface", "m", 0, 100
         ),
     ] = 3.0
     search_turn_deg: Annotated[

@@ -63,8 +63,7 @@ class EstimatorSettings:
     candidates: Annotated[
         int,
         Quantity(
-            "least number of poses from which least_squares starts: of one lamp it takes more "
-            "where few detectors are lit, or where all lie in a plane",
+            "least number of poses from which least_squares starts",
             "poses",
             1,
             MOST_STARTS,

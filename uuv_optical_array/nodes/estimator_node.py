@@ -73,7 +73,7 @@ PARAMETERS = {
     "max_imu_age_s": Parameter(
         0.2,
         Quantity(
-            "time between an image and the last roll beyond which this is less certain",
+            "time between an image and the last roll, beyond which the roll is less certain",
             "s",
             0.001,
             10,

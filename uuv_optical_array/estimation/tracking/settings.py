@@ -61,7 +61,9 @@ class TrackerSettings:
     ] = 1.0
     buffer_s: Annotated[
         float,
-        Quantity("largest time behind the newest frame at which one enters the track", "s", 0, 10),
+        Quantity(
+            "largest delay behind the newest frame at which one still enters the track", "s", 0, 10
+        ),
     ] = 0.5
     constants_hold_s: Annotated[
         float, Quantity("time in which the constants of the sea drift to new values", "s", 60, 1e7)

@@ -113,10 +113,7 @@ WARNINGS = {
     "zero stamp": "Let the driver stamp each exposure.",
     "dark lamp": "Check whether the lamp is on, and whether something hides it.",
     "faulty detector": "Clean or repair it; until then name it in `effects.detector_faults`.",
-    "coasting": (
-        "Check whether the lamp is on and what hides it. Without light, and without a motion that "
-        "the leader sends, the follower searches after `coast_s`."
-    ),
+    "coasting": "Check whether the lamp is on and what hides it.",
     "searching": (
         "Wait, or bring the leader's lamp into view. `~/engage` with false stops the follower."
     ),

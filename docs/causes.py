@@ -28,7 +28,7 @@ CAUSES = {
         "The pose is too far from the track, or its lamp is not taken for the leader's: a "
         "reflection, another lamp, or a fast manoeuvre."
     ),
-    "too uncertain": ("The range is too uncertain to steer by: few or dim readings."),
+    "too uncertain": "The range is too uncertain to steer by: few or dim readings.",
     "late frame": (
         "A newer frame came first. The late pose is not published; within `buffer_s` it enters "
         "the track."
@@ -40,9 +40,7 @@ CAUSES = {
     ),
     "wrong frame": "The track is not in `beacon_frame`.",
     "no image": "Key parameters came without an image of their stamp.",
-    "no table": (
-        "The node could not be set up, for example as its signature table cannot be read."
-    ),
+    "no table": "The node could not be set up, for example as its signature table cannot be read.",
     "no roll": (
         "The last `imu` message is more than `max_imu_age_s` from the image. Its roll is used as "
         "less certain; before the first message there is no pose."
@@ -66,9 +64,9 @@ CAUSES = {
     "rate": "A rate of the pose is beyond what vehicles reach, in m/s or rad/s.",
     "range": "The range is not from 1 mm to 10 km.",
     "range std": "The range's standard deviation is out of bounds.",
-    "false range": ("The range is too far from the track: an echo, or lamp or sea have changed."),
-    "late range": ("The range is more than `buffer_s` older than the newest frame of the track."),
-    "repeated range": ("Two ranges have the same stamp; only the first is used."),
+    "false range": "The range is too far from the track: an echo, or lamp or sea have changed.",
+    "late range": "The range is more than `buffer_s` older than the newest frame of the track.",
+    "repeated range": "Two ranges have the same stamp; only the first is used.",
     "range without light": "No pose is near the range in time. A range alone gives none.",
     "late motion": "The message of the leader's motion is older than 3 s.",
     "motion": "The leader's motion is out of bounds.",
@@ -99,16 +97,14 @@ CAUSES = {
         "A detector does not fit the others: dead, stuck, dirty, shaded or in a glint. The pose "
         "is estimated from the others."
     ),
-    "coasting": ("No pose steers; the follower goes on as its leader did."),
+    "coasting": "No pose steers; the follower goes on as its leader did.",
     "searching": "No light steered for `coast_s`, or from the start, or `~/search` was called.",
     "lost": "The search ended after `search_time_s`, or because no image came for 2 s.",
     "slow station": (
         "The station is near the minimum distance, so the follower goes slowly, to stop in time "
         "if the light goes out."
     ),
-    "not engaged": (
-        "The node does not steer, by `~/engage` or `start_engaged`, or by `when_lost`."
-    ),
+    "not engaged": "The node does not steer, by `~/engage` or `start_engaged`, or by `when_lost`.",
     "follower waits": "The demonstration's follower has no leader.",
     "left out": (
         "The pose of another vehicle is missing at the stamp of an image; its lamp and body are "

@@ -36,7 +36,7 @@ CAUSES = {
     "repeated stamp": "Two frames have the same stamp.",
     "stamp not later": "A stamp is repeated, missing, or in the wrong order.",
     "stamp ahead": (
-        "A stamp is ahead of the node's clock: of an image, a range or the leader's motion."
+        "The stamp of an image, a range or the leader's motion is ahead of the node's clock."
     ),
     "wrong frame": "The track is not in `beacon_frame`.",
     "no image": "Key parameters came without an image of their stamp.",

@@ -36,7 +36,7 @@ REFUSALS = {
     "repeated stamp": _STAMPS,
     "stamp not later": (
         "Let the driver stamp each exposure; look for a second publisher, or for a clock that was "
-        "set back, after which the node recovers by itself."
+        "set back."
     ),
     "stamp ahead": "If it lasts, let the sender stamp by a synchronised clock.",
     "wrong frame": (
@@ -90,10 +90,7 @@ REFUSALS = {
     "no leader pose at the follower's stamp": "Raise `max_gap_s`; use one clock for both.",
     "no state": "Let `follow_state` name the topic of a formation node of this version.",
     "frames differ": "Publish all odometries in one frame.",
-    "paused": (
-        "Check what sets the simulated clock, and the load of the computer. The node goes on by "
-        "itself."
-    ),
+    "paused": "Check what sets the simulated clock, and the load of the computer.",
 }
 
 # Lasting conditions that prevent answers or make them worse. WARN.

@@ -473,3 +473,39 @@ def shower(lab, scene_file, scene, compiled_fit):
     from asker import Shower
 
     return Shower(lab, scene_file, scene, method="least_squares")
+
+
+@pytest.fixture
+def asker(lab, scene_file):
+    """An estimator node that matches key parameters alone, and what sends it these."""
+    from asker import Asker
+
+    return Asker(lab, scene_file)
+
+
+@pytest.fixture
+def joiner(lab, scene_file, scene, compiled_fit):
+    """An estimator node that holds its match to the image, and what sends it both."""
+    from asker import Shower
+
+    return Shower(lab, scene_file, scene)
+
+
+@pytest.fixture(scope="module")
+def images(scene):
+    """Ten noisy images of poses between those of the table."""
+    import numpy as np
+
+    from uuv_optical_array.forward.model import ForwardModel
+
+    rng = np.random.default_rng(8)
+    poses = rng.uniform([-5.5, -0.2, -0.2, -0.1, -0.1], [-4.5, 0.2, 0.2, 0.1, 0.1], (10, 5))
+    return ForwardModel(scene).expose(poses, rng)
+
+
+@pytest.fixture(scope="module")
+def signatures(scene, images):
+    """Key parameters of the images."""
+    from uuv_optical_array.estimation.signature.features import key_parameters
+
+    return key_parameters(images, scene.full_scale_counts, scene.signature.peak)

@@ -54,6 +54,11 @@ def test_a_bag_of_both_sweeps_gives_the_scene_its_wiring(sent, tmp_path):
         ]
 
 
+def test_the_test_on_deck_needs_the_distance_of_the_lamp():
+    line = run("commission", "torch", "--in-air", code=2)
+    assert "--in-air: it is of the acceptance test; give --lamp, too" in line
+
+
 @rosbags
 def test_an_array_that_is_wired_right_gets_no_wiring_and_a_bag_that_ends_early_no_scene(tmp_path):
     frames = [image_message(*each) for each in torch_run(5, np.random.default_rng(6))]

@@ -130,7 +130,7 @@ def test_the_written_file_is_the_scene_that_is_told_from_any_folder(tmp_path):
         assert yaml.safe_load(written.read_text("utf-8"))["extends"] == extends
         expected = scene_with(load_scene(scene), Instrument()).fingerprint
         assert load_scene(written).fingerprint == expected
-    line = run("budget", "--scene", base, "--write", base, *picture, code=1)
+    line = run("budget", "--scene", base, "--write", base, *picture, code=2)
     assert "it is the scene that it would extend; name another file" in line
     assert base.read_text("utf-8").startswith("extends: coastal")
 

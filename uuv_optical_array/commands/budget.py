@@ -155,7 +155,8 @@ def run(args: argparse.Namespace) -> int:
     base, instrument = options.scene_of(args), Instrument(**dict(args.set))
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     write = args.write and outputs.file_to_write(args.write, "--write", outputs.SCENE)
-    extends = extended_from(args.scene, write) if write else args.scene
+    with options.checking_options():
+        extends = extended_from(args.scene, write) if write else args.scene
     if args.reach is not None:
         watts = least_watts(base, instrument, lambda scene: bool(within(scene, [args.reach])[0]))
         if watts is None:

@@ -94,6 +94,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Watch both sweeps and write the scene."""
+    if args.in_air and args.lamp is None:
+        raise options.OptionError("--in-air: it is of the acceptance test; give --lamp, too")
     scene = options.scene_of(args)
     text = own_text(args.scene)
     output = outputs.file_to_write(args.output, "--output", outputs.SCENE)

@@ -95,11 +95,10 @@ def commands() -> list[str]:
     parts = [
         "# Commands",
         "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`; in a clone, after "
-        "`make follow`, `.venv/bin/uuv_array COMMAND`. `--help` has examples. Defaults are in "
-        "brackets.",
-        "The exit code is 1 if the result is negative, such as a lost leader, or the work fails; "
-        "2 for an unusable command line; 130 after Ctrl-C. A study, except `paper`, then reports "
-        "what it has.",
+        "`make follow`, `.venv/bin/uuv_array COMMAND`. `COMMAND --help` has examples. Defaults are "
+        "in brackets.",
+        "The exit code is 2 for a command line that cannot be used or a file that is missing, 130 "
+        "after Ctrl-C, and 1 for another failure or a negative result, such as a lost leader.",
         "## Common options",
         option_list({name: of for name, of in common.items() if name not in settings}),
         "Settings of a bag or a table, for `--set`; `calibrate` takes neither commands nor states, "

@@ -59,7 +59,7 @@ def add_tables(parser: argparse.ArgumentParser) -> None:
     """Add the options of tables of light."""
     about = "CSV of the detectors in place of the scene's, for a CSV of readings"
     parser.add_argument("--detectors", type=Path, metavar="TABLE", help=about)
-    about = "CSV of poses by time_s, in place of odometries"
+    about = "CSV of poses by time_s, in place of the recorded ones"
     parser.add_argument("--trajectory", type=Path, metavar="TABLE", help=about)
 
 

@@ -16,7 +16,7 @@ from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.programs import INTERRUPTED as INTERRUPTED
 
 Settings: TypeAlias = Mapping[str, Setting]
-SEED = Quantity("seed of all random numbers", "", 0, 2**32 - 1)
+SEED = Quantity("seed of the random numbers that are drawn", "", 0, 2**32 - 1)
 
 
 class OptionError(ValueError):

@@ -44,7 +44,7 @@ RANGES_M = (1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0)
 DRAWN_M = np.geomspace(1.0, 20.0, 120)
 BUILT_M = 6.0  # where errors of building are reported
 RISK = ("exempt", "group 1: low risk", "group 2: do not stare", "group 3: high risk")
-REACH = Quantity("range for which the least lamp_w is found, which takes its place", "m", 0.5, 100)
+REACH = Quantity("range for which the least lamp_w is found and used", "m", 0.5, 100)
 
 
 def rows(scene: Scene, ranges_m: Any) -> Array:

@@ -80,7 +80,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     about = "part of the poses that is estimated from the light; may be repeated"
     open_parts: dict[str, Any] = {"action": "append", "default": [], "choices": POSE}
     parser.add_argument("--unknown", help=about, metavar="NAME", **open_parts)
-    about = "parameter, by its printed name, or gains, that keeps the scene's value; "
+    about = "parameter that keeps the scene's value: its printed name, or gains; "
     words: dict[str, Any] = {"action": "append", "default": [], "metavar": "NAME"}
     parser.add_argument("--hold", help=about + "may be repeated", **words)
     about = "fit both parts of sensor_noise, too"

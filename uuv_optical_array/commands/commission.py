@@ -39,7 +39,7 @@ from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
 
 MODULATED = "the array sees modulated light only: move one of the lamps, lit, in place of the torch"
-AHEAD = "then do the acceptance test, with the lamp so far ahead of base_link"
+AHEAD = "distance of the lamp ahead of base_link, for the acceptance test, which comes last"
 LAMP = Quantity(AHEAD, "m", 0.3, 100)
 TELL_S, PATIENCE_S = 15.0, 600.0  # without anything new: until it is reported, and until the end
 
@@ -87,7 +87,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_scene(parser, "follow")
     bag.add_bag(parser, {"image_topic": bag.READING["image_topic"]}, "listen to the topic")
     options.add_number(parser, "lamp", LAMP, None, float)
-    about = "test on deck: without water, and with the wider beam in air"
+    about = "with --lamp: test on deck, without water and with the wider beam in air"
     parser.add_argument("--in-air", action="store_true", help=about)
     outputs.add_scene_file(parser, "commissioned.yaml")
 

@@ -67,8 +67,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     filtered = "filter the frames, and learn the constants"
     parser.add_argument("--track", action="store_true", help=filtered)
     light.add_tables(parser)
-    about = "known part of the poses, or its error, by its column or the given value; may be "
-    about += "repeated"
+    about = "take a part of the poses, or its error, as known: its column, or the given value; may "
+    about += "be repeated"
     known: dict[str, Any] = {"action": "append", "default": [], "type": light.known_column}
     parser.add_argument("--known", help=about, metavar="NAME[=VALUE]", **known)
     outputs.add_folder(parser, "folder to make (default: the bag's name with _estimates, here)")

@@ -51,8 +51,8 @@ SEED = Quantity(
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    about = "ready scene or YAML file (default: the parameter file's; "
-    about += "without one, formation for several followers)"
+    about = "ready scene or YAML file (default: the parameter file's; without a file follow, or "
+    about += "formation for several followers)"
     parser.add_argument("--scene", help=about)
     about = f"{', '.join(PATHS)} or a CSV file (default: the parameter file's)"
     parser.add_argument("--leader-path", metavar="PATH", help=about)

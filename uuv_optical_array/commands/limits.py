@@ -179,7 +179,8 @@ def _map(axes: Any, x: Array, y: Array, bound: Array, wanted: float, norm: Any) 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
-    about = ", ".join(f"{quantity.text} ({quantity.unit})" for quantity in POSE.values())
+    about = "m ahead of the lamp (below 0), to port of it and above it; deg by which the follower "
+    about += "is turned with the bow down, and with the bow to port"
     words: dict[str, Any] = {"nargs": 5, "default": [-6.0, 0.0, 0.0, 0.0, 0.0], "type": float}
     about += " (default: -6 0 0 0 0)"
     parser.add_argument("--pose", metavar=tuple(POSE), help=about, **words)

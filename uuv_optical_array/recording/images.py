@@ -137,7 +137,7 @@ def read_recording(
         str, Quantity("topic of the follower's commands, for a track")
     ] = "cmd_vel",
     states_topic: Annotated[
-        str, Quantity("topic of the follower's states, which are shown")
+        str, Quantity("topic of the follower's states, for the view")
     ] = "follow_state",
     beacon_position_m: Annotated[Place, messages.BEACON_POSITION] = (0.0, 0.0, 0.0),
     odometry_axes: Annotated[

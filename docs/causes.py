@@ -21,8 +21,8 @@ CAUSES = {
         "No signature is within `max_angle_rad`: the pose is beyond the table, or the sea differs."
     ),
     "no fit": (
-        "No pose explains the image: another lamp or sea, daylight, a shadow, dirty or dead "
-        "detectors, exchanged wires, several lamps off, or a pitch near 60 deg or more."
+        "No pose could be fitted to the image: another lamp or sea, daylight, a shadow, dirty or "
+        "dead detectors, exchanged wires, several lamps off, or a pitch near 60 deg or more."
     ),
     "outlier": (
         "The pose is too far from the track, or its lamp is not taken for the leader's: a "
@@ -39,11 +39,14 @@ CAUSES = {
         "The stamp of an image, a range or the leader's motion is ahead of the node's clock."
     ),
     "wrong frame": "The track is not in `beacon_frame`.",
-    "no image": "Key parameters came without an image of their stamp.",
+    "no image": (
+        "Key parameters came without an image of their stamp; or, from Python, an image has "
+        "another shape or readings that are not finite."
+    ),
     "no table": "The node could not be set up, for example as its signature table cannot be read.",
     "no roll": (
-        "The last `imu` message is more than `max_imu_age_s` from the image. Its roll is used as "
-        "less certain; before the first message there is no pose."
+        "No `imu` message has come yet, and there is no pose; or the last one is more than "
+        "`max_imu_age_s` from the image, and its roll is used as less certain."
     ),
     "no orientation": "The IMU gives no orientation.",
     "not finite": "NaN or infinity, in a message or, if `not published`, by this node.",
@@ -60,7 +63,10 @@ CAUSES = {
     "wrong field type": "A field is not one FLOAT64.",
     "wrong field offsets": "The key parameters do not follow each other from byte 0 on.",
     "pose": "The pose is out of bounds, or not later than the one before.",
-    "covariance": "The covariance is missing, not positive definite or out of bounds.",
+    "covariance": (
+        "The covariance is missing, not symmetric, not positive definite, nearly singular or out "
+        "of bounds."
+    ),
     "rate": "A rate of the pose is beyond what vehicles reach, in m/s or rad/s.",
     "range": "The range is not from 1 mm to 10 km.",
     "range std": "The range's standard deviation is out of bounds.",
@@ -79,10 +85,14 @@ CAUSES = {
     "no state": "The message is not that of a formation node.",
     "frames differ": "The odometries are not all in one frame.",
     "paused": (
-        "The simulated clock jumped, or the node was held up for more than 1 s; no vehicle moved."
+        "The simulated clock jumped, or the node was held up for more than 1 s, or than five "
+        "periods where these are longer; no vehicle moved."
     ),
     "no input": "The node received nothing that it could answer.",
-    "no output": "Poses arrive, but do not steer yet: they first have to agree for `settle_s`.",
+    "no output": (
+        "Poses arrived in the last second, but no command left: poses first have to agree for "
+        "`settle_s`."
+    ),
     "several publishers": "A topic has more than one publisher.",
     "mismatch": (
         "Many images differ from the scene by more than its prior; the text names the best "

@@ -35,8 +35,8 @@ REFUSALS = {
     ),
     "repeated stamp": _STAMPS,
     "stamp not later": (
-        "Let the driver stamp each exposure; look for a second publisher, or for a clock that was "
-        "set back."
+        "Let the sender give each message a stamp of its own; look for a second publisher, or for "
+        "a clock that was set back."
     ),
     "stamp ahead": "If it lasts, let the sender stamp by a synchronised clock.",
     "wrong frame": (
@@ -70,7 +70,7 @@ REFUSALS = {
     "covariance": _DRIVER,
     "rate": _DRIVER,
     "range": _DRIVER,
-    "range std": "Correct the range's variance, or `range_std_m`.",
+    "range std": "Correct the range's variance.",
     "false range": (
         "If it lasts, look for echoes and for a constant error of the sensor; see `learnt_...`."
     ),
@@ -98,7 +98,9 @@ WARNINGS = {
     "no input": (
         "Try `ros2 topic hz` on its inputs; names, namespace, `ROS_DOMAIN_ID` and QoS must agree."
     ),
-    "no output": "Wait a second; if it lasts, look at `follow_state`, and report it with a bag.",
+    "no output": (
+        "Wait for `settle_s`; if it lasts, look at `follow_state`, and report it with a bag."
+    ),
     "several publishers": "Give each run a namespace or a `ROS_DOMAIN_ID` of its own.",
     "mismatch": (
         "Check what the text names, such as a detector, other lamps or the lamp's battery; then "

@@ -71,11 +71,10 @@ def effects() -> list[str]:
     """Return the page of the effects."""
     parts = [
         "# Effects",
-        "Only the effects that a scene names are simulated, in this order, except that `pedestal` "
-        "comes before `saturation`. [Light and noise](../explanation/light.md#effects) explains "
-        "the forms in brackets, and which settings exclude each other. Settings are shown as in "
-        "[a scene](scene.md). One without a default must be given, except where there are several "
-        "ways.",
+        "A scene has only the effects that it names. "
+        "[Light and noise](../explanation/light.md#effects) explains the forms in brackets, and "
+        "which settings exclude each other. Settings are shown as in [a scene](scene.md). One "
+        "without a default must be given, except where one of several ways is enough.",
     ]
     shown_before: set[str] = set()
     for name, effect in EFFECTS.items():

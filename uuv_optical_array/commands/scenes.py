@@ -172,8 +172,7 @@ def explanation(name: str) -> Iterator[str]:
         return full == name or full.endswith(f".{name}")
 
     if name == "effects":
-        yield "Only the effects that a scene names are simulated, in this order, but for pedestal,"
-        yield "which comes before saturation:"
+        yield "A scene has only the effects that it names:"
         for effect, entry in EFFECTS.items():
             yield f"  {effect:<17}{summary(entry.function)}"
     for owner_name, owner in OWNERS.items():

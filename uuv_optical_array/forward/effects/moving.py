@@ -24,7 +24,8 @@ def lamp_flicker(
     *,
     depth: Annotated[float, Quantity("amplitude, relative to the lamp's mean power", "", 0, 0.99)],
     frequency_hz: Annotated[
-        float, Quantity("frequency of the light; on the mains twice theirs", "Hz", 1e-3, 1e6)
+        float,
+        Quantity("frequency of the light; by mains power twice that of the mains", "Hz", 1e-3, 1e6),
     ],
 ) -> Moving:
     """Let the lamp flicker, ``1 + depth sin(2 pi f t)``, like one on alternating current."""

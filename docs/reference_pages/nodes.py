@@ -168,7 +168,8 @@ def topics() -> list[str]:
         "those of `follow_state` reliable. `qos_overrides` parameters change both. "
         "Every node also publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz; with "
         "`publish_tf` some publish `/tf` or `/tf_static`. `<n>` counts the followers of a leader "
-        "alone, `<other>` is each of `others`. Filled marks publish, open ones subscribe.",
+        "alone, `<other>` is each of `others`. In the picture filled marks publish, open ones "
+        "subscribe.",
         "![Nodes and topics](../pictures/nodes.svg)",
         table(("topic", "type", "published by", "subscribed by"), rows),
         "\n".join(

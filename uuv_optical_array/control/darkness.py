@@ -49,8 +49,8 @@ class SearchSettings(SightSettings):
     search_time_s: Annotated[
         float,
         Quantity(
-            "longest search, counted from ~/search or the last sign of the leader before it; 0: no "
-            "search",
+            "longest search, counted from the last sign of the leader before it; without one, or "
+            "by ~/search, from its own start; 0: no search",
             "s",
             0,
             3600,

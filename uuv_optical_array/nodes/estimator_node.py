@@ -94,7 +94,10 @@ PARAMETERS = {
         ),
     ),
     "tracking": Parameter(
-        True, Quantity("filter the poses of many images and estimate the constants of the sea")
+        True,
+        Quantity(
+            "filter the poses of many images; by least_squares also learn the sea's constants"
+        ),
     ),
     **parameters_of(TrackerSettings),
     **shared("beacon_frame"),

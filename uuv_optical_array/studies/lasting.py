@@ -3,8 +3,8 @@
 Drive from 8 to 4 m behind the lamp and back, swaying, through a sea that differs from the scene by
 a kind of mismatch, which stays as it is for the drive: the same detectors are dirty, the same side
 is shaded. Each image goes through the stages of the nodes. A pose that is off by more than six of
-its own standard deviations is false; a false pose is unsaid if the diagnostics have named neither a
-mismatch nor a fault by then. docs/reference/mismatches.md has the kinds.
+its own standard deviations is false; a false pose is unsaid if the diagnostics name neither a
+mismatch nor a fault with it. docs/reference/mismatches.md has the kinds.
 
   uuv_array study lasting                            every kind, one drive each
   uuv_array study lasting --kinds moffat,hidden_row_0.5 --drives 5

@@ -164,7 +164,7 @@ class FormationNode(Node):
             spread = None
             if self.parameters["use_leader_odometry"]:
                 spread = messages.rate_covariance_from_message(message)
-            self.following.update(self.time.of(stamp), pose, covariance, rate, spread)
+            self.following.update(self.time.of(stamp, "track"), pose, covariance, rate, spread)
             self.diagnostics.take(stamp, lambda: {"range_m": f"{-pose[0]:.2f}"})
             self.show_station(message.header.frame_id)
         self.tell_state()
@@ -180,14 +180,15 @@ class FormationNode(Node):
         if parameters is not None:
             peak, to_starboard, down, *_ = parameters.tolist()
             glow = Glow(-to_starboard / self.half, -down / self.half, peak)
-        self.following.looked(self.time.of(stamp_ns(header)), glow)
+        self.following.looked(self.time.of(stamp_ns(header), "features"), glow)
 
     def on_odometry(self, message: Odometry) -> None:
         """Tell the law how the follower moves by its own instruments."""
         with self.diagnostics.refusing("odometry"):
             linear, angular = checked_twist(message.twist.twist, message.child_frame_id)
             up = up_of_odometry(message)
-            self.following.moved(self.time.of(stamp_ns(message.header)), linear, angular, up)
+            stamp_s = self.time.of(stamp_ns(message.header), "odometry")
+            self.following.moved(stamp_s, linear, angular, up)
 
     def on_leader(self, message: Odometry) -> None:
         """Tell the law how the leader moves, by a modem or a test tank."""
@@ -197,7 +198,7 @@ class FormationNode(Node):
             twist, covariance = twist_of_lamp(
                 self.parameters["beacon_position_m"], twist, covariance
             )
-            stamp_s = self.time.of(stamp_ns(message.header))
+            stamp_s = self.time.of(stamp_ns(message.header), "leader/odometry")
             told = Message(stamp_s, twist[:3], twist[3:], covariance)
             self.following.leader_moves(self.time.now_s(), told)
 

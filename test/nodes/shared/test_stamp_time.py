@@ -28,10 +28,10 @@ class Sea:
     def ns(self, ahead_s):
         return round((self.now_s + ahead_s) * 1e9)
 
-    def age_s(self, late_s=LATENCY_S):
+    def age_s(self, late_s=LATENCY_S, topic="features"):
         """Return how old a stamp that comes a tenth of a second later is taken to be."""
         self.now_s += 0.1
-        return self.time.now_s() - self.time.of(self.ns(self.sensor_s - late_s))
+        return self.time.now_s() - self.time.of(self.ns(self.sensor_s - late_s), topic)
 
 
 @pytest.mark.parametrize("step_s", STEPS_S)
@@ -64,6 +64,18 @@ def test_a_delay_is_an_age_and_no_step_of_a_clock(monkeypatch):
     assert [sea.age_s(delay) for delay in delays] == pytest.approx(delays, abs=1e-6)
 
 
+@pytest.mark.parametrize("step_s", [0.0, -30.0, 30.0])
+@pytest.mark.parametrize("late_s", [0.4, 0.7, 2.5])
+def test_a_topic_that_lags_behind_another_is_as_old_as_it_is(monkeypatch, late_s, step_s):
+    """As tracks are on a busy machine, or what a modem tells, behind the images' key parameters."""
+    sea = Sea(monkeypatch)
+    for i in range(30):
+        if i == 15:
+            sea.sensor_s += step_s
+        assert sea.age_s() == pytest.approx(LATENCY_S, abs=1e-6)
+        assert sea.age_s(late_s, "track") == pytest.approx(late_s, abs=1e-6)
+
+
 @pytest.mark.parametrize(("off_s", "taken_s"), [(0.0, LATENCY_S), (-3600.0, 0.0)])
 def test_a_clock_that_drifts_with_the_sensors_is_followed(monkeypatch, off_s, taken_s):
     """By 50 ppm, as NTP slews both: half a second in three hours. One may be off all the while."""
@@ -81,7 +93,7 @@ def test_a_stamp_that_comes_again_and_one_that_comes_late_have_their_place(monke
     sea = Sea(monkeypatch)
     sea.age_s()
     first, before = sea.ns(sea.sensor_s), sea.ns(sea.sensor_s - 0.2)
-    places = [sea.time.of(stamp) for stamp in (first, before, first)]
+    places = [sea.time.of(stamp, "features") for stamp in (first, before, first)]
     assert places[0] == places[2]
     assert places[0] - places[1] == pytest.approx(0.2, abs=1e-5)
 

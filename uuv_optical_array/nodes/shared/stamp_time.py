@@ -8,7 +8,8 @@ AHEAD_NS = 100_000_000  # by which a stamp may be later than the present, as clo
 OLD_NS = 5_000_000_000  # age of a first stamp beyond which it is of another clock
 SLEWED_NS = 50_000_000  # a larger change of the node's clock between two stamps is a step
 NOTED_NS = 1_000_000  # and a smaller one is no change
-FAR_NS = 500_000_000  # a stamp so far behind the newest is no late one: its clock was set back
+# A stamp so far behind the newest of its topic is no late one: its clock was set back.
+FAR_NS = 500_000_000
 
 
 class StampTime:
@@ -25,16 +26,22 @@ class StampTime:
         self._simulated = self._steady is node.get_clock()
         self._own_ns = self._ahead_ns = 0  # by which the node's clock, and the stamps', are ahead
         self._stamp_ns: int | None = None  # the newest
+        self._newest_ns: dict[str, int] = {}  # of each topic, as some lag behind others
         self._age_ns = self._judged_ns = 0
 
     def now_s(self) -> float:
         """Return the present, s."""
         return self._now_ns() * 1e-9
 
-    def of(self, stamp_ns: int) -> float:
+    def of(self, stamp_ns: int, topic: str) -> float:
         """Return where a stamp that has just come is, s; one that comes again is at its place."""
-        newest = self._stamp_ns
-        if not self._simulated and (newest is None or not 0 <= newest - stamp_ns <= FAR_NS):
+        newest_ns = self._newest_ns.get(topic, stamp_ns)
+        set_back = newest_ns - stamp_ns > FAR_NS
+        if set_back:
+            self._newest_ns.clear()
+        self._newest_ns[topic] = stamp_ns if set_back else max(newest_ns, stamp_ns)
+        later = self._stamp_ns is None or stamp_ns > self._stamp_ns
+        if not self._simulated and (set_back or later):
             self._judge(stamp_ns)
         return (stamp_ns - self._ahead_ns) * 1e-9
 

@@ -12,6 +12,7 @@ from scenes import changed
 
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.calibration.places_check import in_words
+from uuv_optical_array.forward.link_budget import Instrument, scene_with
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.recording.images import Recording
@@ -217,6 +218,17 @@ def test_places_that_are_right_are_not_blamed():
     assert not rail()
     assert "the places" not in (refusal := rail([1] * 5, noise=6.0))
     assert "the residuals are independent" in refusal
+
+
+def test_readings_of_little_noise_blame_no_places_that_are_right():
+    """As of the guide's instrument, whose noise is 1 of 200,000 of full scale."""
+    rng = np.random.default_rng(8)
+    scene = scene_with(load_scene("follow"), Instrument())
+    true = rng.uniform([-6, -0.8, -0.8, -0.35, -0.35], [-3, 0.8, 0.8, 0.35, 0.35], (20, 5))
+    places = np.repeat(np.arange(20), 2)
+    images = ForwardModel(scene).expose(true[places], rng)
+    told = true + STDS * rng.standard_normal(true.shape)
+    assert not calibrate(scene, images, told[places], pose_std=STDS, places=places).refusal
 
 
 def test_an_error_of_places_is_said_by_its_kind():

@@ -93,16 +93,17 @@ def common_error(fit: CalibrationFit) -> str:
 
     A shift along the beacon's x bends how light falls with the range, another scale how it falls
     beside what the array's own size shows; by the score test (C. R. Rao, 1948) with all that is
-    fitted. Turns, and most of a shift aside, are aims of lamp and array, and reported as such.
+    fitted. Over its short steps the light is straight, beside the noise of 16 bits, too. Turns, and
+    most of a shift aside, are aims of lamp and array, and reported as such.
     """
     poses, worst, reason = fit.likelihood.poses, SURE, ""
     ahead, scaled = np.zeros_like(poses), poses.copy()
     ahead[:, X], scaled[:, PITCH:] = 1.0, 0.0
     for direction, step, words in (
-        (ahead, 3e-3, "along x by {:+.3f} m, with a standard error of {:.3f} m"),
+        (ahead, 3e-5, "along x by {:+.3f} m, with a standard error of {:.3f} m"),
         (
             scaled,
-            1e-3,
+            1e-5,
             "by {:+.3f} of their distance from the lamp, with a standard error of {:.3f}",
         ),
     ):

@@ -18,7 +18,13 @@ from uuv_optical_array.control.vehicles.leader_path import leader_path
 from uuv_optical_array.core.settings import Place, check
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, YES, declared, enclave
+from uuv_optical_array.nodes.bringup.launch_arguments import (
+    FOLLOW,
+    YES,
+    declared,
+    enclave,
+    log_unknown,
+)
 from uuv_optical_array.nodes.vehicles_node import PARAMETERS
 from uuv_optical_array.recording.bag import RUN
 
@@ -32,7 +38,9 @@ BEFORE_3 = "humble", "iron", "jazzy"
 
 
 def generate_launch_description():
-    return LaunchDescription([*declared(FOLLOW), OpaqueFunction(function=nodes)])
+    return LaunchDescription(
+        [*declared(FOLLOW), *log_unknown(__file__, FOLLOW), OpaqueFunction(function=nodes)]
+    )
 
 
 def nodes(context):

@@ -8,11 +8,19 @@ from launch_ros.substitutions import FindPackageShare
 
 from uuv_optical_array.control.fleet import vee
 from uuv_optical_array.core.storage import yaml_text
-from uuv_optical_array.nodes.bringup.launch_arguments import EACH, FORMATION, YES, declared
+from uuv_optical_array.nodes.bringup.launch_arguments import (
+    EACH,
+    FORMATION,
+    YES,
+    declared,
+    log_unknown,
+)
 
 
 def generate_launch_description():
-    return LaunchDescription([*declared(FORMATION), OpaqueFunction(function=fleet)])
+    return LaunchDescription(
+        [*declared(FORMATION), *log_unknown(__file__, FORMATION), OpaqueFunction(function=fleet)]
+    )
 
 
 def fleet(context):

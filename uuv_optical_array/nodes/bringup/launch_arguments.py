@@ -3,7 +3,10 @@
 Empty means: not given, so that neither a file's value nor a node's default is replaced.
 """
 
-from collections.abc import Mapping
+import difflib
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from uuv_optical_array.core.storage.files import PACKAGE
@@ -74,6 +77,7 @@ FORMATION = {
 }
 SWITCHES = {"chain", "demo", "rviz", "publish_tf", "record", "use_sim_time", "use_respawn"}
 SWITCHES |= {"one_process", "simulator", "use_leader_odometry", "draw_sea"}
+OF_LAUNCH = "sigterm_timeout", "sigkill_timeout"
 CHOICES = {name: [*YES, *NO] for name in SWITCHES}
 CHOICES["demo"] += ["follower", "leader"]
 CHOICES["log_level"] = [*LEVELS, *map(str.upper, LEVELS)]
@@ -92,6 +96,31 @@ def declared(arguments: Mapping[str, tuple[str, str]]) -> list[Any]:
             DeclareLaunchArgument(name, default_value=default, description=text, choices=words)
         )
     return actions
+
+
+def unknown(file: str, arguments: Mapping[str, tuple[str, str]], words: Sequence[str]) -> list[str]:
+    """Return a warning for each ``name:=value`` without an argument; ros2 launch gives none.
+
+    - file: the launch file; `words` are asked only where they start this one itself.
+    - words: of the command line.
+    """
+    if Path(file).name not in (Path(word).name for word in words):
+        return []
+    known = [*arguments, *OF_LAUNCH]
+    said = []
+    for name in (word.partition(":=")[0] for word in words if ":=" in word):
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            cure = f"did you mean {near[0]}?" if near else "ros2 launch --show-args lists them"
+            said.append(f"{name}: {Path(file).name} has no such argument and ignores it; {cure}")
+    return said
+
+
+def log_unknown(file: str, arguments: Mapping[str, tuple[str, str]]) -> list[Any]:
+    """Return actions that log what this launch file ignores of the command line."""
+    from launch.actions import LogInfo  # of a ROS installation
+
+    return [LogInfo(msg=f"[WARN] {text}") for text in unknown(file, arguments, sys.argv)]
 
 
 def enclave(namespace: str, executable: str) -> str:

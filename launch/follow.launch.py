@@ -158,9 +158,9 @@ def recorder(namespace, leader_odometry, folder, share):
 
 def profiles(respawn):
     """Return the environment in which a killed node is soon forgotten, unless the user has one."""
-    if not respawn or any(name in os.environ for name in PROFILES):
-        return {}
     name = PROFILES[os.environ.get("ROS_DISTRO") in BEFORE_3]
+    if not respawn or name in os.environ:
+        return {}
     return {name: f"{get_package_share_directory(PACKAGE)}/config/fastdds_respawn.xml"}
 
 

@@ -15,7 +15,7 @@ WORDS = "ros2", "launch", "uuv_optical_array", "follow.launch.py"
     [
         (("scene:=reference", "sigterm_timeout:=60"), []),
         (("stations:=[-5,0,0]",), ["stations: .*did you mean station"]),
-        (("scene:=a:=b", "method:=sam"), ["method: .*--show-args"]),
+        (("scene:=a:=b", "method:=sam"), ["method: .*params_file"]),
     ],
 )
 def test_an_argument_that_no_file_has_is_named(given, said):

@@ -111,7 +111,7 @@ def unknown(file: str, arguments: Mapping[str, tuple[str, str]], words: Sequence
     for name in (word.partition(":=")[0] for word in words if ":=" in word):
         if name not in known:
             near = difflib.get_close_matches(name, known, 1)
-            cure = f"did you mean {near[0]}?" if near else "ros2 launch --show-args lists them"
+            cure = f"did you mean {near[0]}?" if near else "nodes' parameters go into params_file"
             said.append(f"{name}: {Path(file).name} has no such argument and ignores it; {cure}")
     return said
 

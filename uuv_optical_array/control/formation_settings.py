@@ -6,7 +6,7 @@ from typing import Annotated
 
 from uuv_optical_array.core.settings import Place, Quantity
 
-STATION = Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
+STATION = Quantity("station in the lamp's frame, y to port and z up; x at most -0.5", "m", -50, 50)
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,10 @@ FOLLOW = {
     ),
     "followers": ("1", "number of followers that a leader alone waits for"),
     "leader_path": LEADER_PATH,
-    "station": ("", "station of the follower, [x, y, z] in the lamp's frame, m"),
+    "station": (
+        "",
+        "station of the follower, [x, y, z] in the lamp's frame, y to port and z up, m",
+    ),
     "record": ("false", "record the run by rosbag2, as MCAP"),
     "bag": ("", "new folder of the recording; by default it is named by the time"),
     **COMMON,

@@ -52,7 +52,7 @@ def test_the_true_pose_is_found_in_each_sea_of_the_prior(estimator, truth):
 
 def minimum(pose, cost):
     zeros, square = np.zeros(5), np.zeros((5, 5))
-    return State(cost, zeros, zeros, square, pose, square, 0.0, zeros)
+    return State(cost, zeros, zeros, square, tuple(pose), 0.0, square)
 
 
 def test_a_covariance_covers_each_minimum_that_is_as_likely():

@@ -15,6 +15,7 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.least_squares.problem import (
     MAX_STEP,
     MOST_STEPS,
+    VOLUME,
     evaluate,
     light_at,
     problem_of,
@@ -184,7 +185,7 @@ def test_cost_gradient_and_information_are_those_of_the_posterior_of_the_pose(ef
             -state.gradient, slopes, rtol=1e-5, atol=1e-6 * np.abs(slopes).max() + 1e-6
         )
         volumes = differentiate(lambda x: np.array(to_lamp(problem.frame, x, roll)[2]), at)
-        assert_close(state.volume_slopes, volumes[:5])
+        assert_close(state.slopes[VOLUME], volumes[:5])
         of_light = differentiate(lambda x: fit.light(pose_at(x), roll, x[5:]), at)
         of_pose = differentiate(pose_at, at)
         expected = of_light.T * fit.told(problem.readings, light) @ of_light

@@ -13,6 +13,8 @@ from uuv_optical_array.core.geometry import PITCH, YAW, Array
 from uuv_optical_array.core.numerics.elementwise import law, zeros
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.least_squares.problem import (
+    MAX_STEP,
+    VOLUME,
     Problem,
     State,
     evaluate,
@@ -100,21 +102,14 @@ def rest_of_the_way(problem: Problem, state: State, damping: float) -> Array:
     """Return where a damped step towards the conditional mean leads, shape ``(p,)``."""
     gradient, information = state.gradient.copy(), state.information.copy()
     for i in range(5):
-        gradient[i] += state.volume_slopes[i]
+        gradient[i] += state.slopes[VOLUME, i]
     for i in (PITCH, YAW):
         gradient[i] = 0.0
         for j in range(len(gradient)):
             information[i, j] = information[j, i] = 0.0
         information[i, i] = 1.0
     held = State(
-        state.cost,
-        state.at,
-        gradient,
-        information,
-        state.pose,
-        state.pose_slopes,
-        state.log_volume,
-        state.volume_slopes,
+        state.cost, state.at, gradient, information, state.pose, state.log_volume, state.slopes
     )
     there, _ = propose(problem, held, damping)
     return there
@@ -134,18 +129,19 @@ def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) 
     Return the decrement: how much less the cost would be at the conditional mean.
     """
     size = len(state.at)
-    rest = size - 2
+    rest, slopes = size - 2, state.slopes
     factor, vectors = zeros(size, size, state.cost), zeros(3, size, state.cost)
     pull, column = vectors[0, :rest], vectors[1, :rest]
+    at, moved, curvatures = lattice.ats[node], lattice.moved[node], lattice.curvatures[node]
     for i in range(size):
         k = ordered(i, rest)
         slope = state.gradient[k]
         if k < 5:
-            slope += state.volume_slopes[k]
+            slope += slopes[VOLUME, k]
         vectors[0, i] = slope
         for j in range(i + 1):
             factor[i, j] = state.information[k, ordered(j, rest)]
-        lattice.ats[node, i] = state.at[i]
+        at[i] = state.at[i]
     if not cholesky(factor):
         lattice.logs[node] = -np.inf
         return 0.0
@@ -167,31 +163,32 @@ def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) 
         lattice.slopes[node, a] = slope
         solve_upper(factor, column)
         for i in range(rest):
-            lattice.moved[node, a, ordered(i, rest)] = column[i]
-        lattice.moved[node, a, PITCH + a], lattice.moved[node, a, YAW - a] = 1.0, 0.0
+            moved[a, ordered(i, rest)] = column[i]
+        moved[a, PITCH + a], moved[a, YAW - a] = 1.0, 0.0
     u, v, w = factor[rest, rest], factor[rest + 1, rest], factor[rest + 1, rest + 1]
-    lattice.curvatures[node, 0], lattice.curvatures[node, 1] = u * u, u * v
-    lattice.curvatures[node, 2] = v * v + w * w
+    curvatures[0], curvatures[1], curvatures[2] = u * u, u * v, v * v + w * w
     solve_upper(factor, pull)
     excess = 1.0
     for i in range(rest):
         excess = max(excess, abs(pull[i]) / longest_step(problem, ordered(i, rest)))
     for i in range(rest):
-        lattice.ats[node, ordered(i, rest)] += pull[i] / excess
+        at[ordered(i, rest)] += pull[i] / excess
     # At an attitude the pose follows where the lamp is and how bright.
-    write_covariance(state.pose_slopes[:, :3], factor[:rest], lattice.covariances[node])
+    coordinates = rest - len(problem.nuisance_mean)
+    write_covariance(slopes, coordinates, factor[:rest], lattice.covariances[node])
     if is_row(lattice):
-        decrement += integrate_across(problem, state, lattice, node)
-    _, pose, _ = to_lamp(problem.frame, lattice.ats[node], problem.roll)
+        decrement += integrate_across(slopes, lattice, node)
+    _, pose, _ = to_lamp(problem.frame, at, problem.roll)
     for i in range(5):
         lattice.poses[node, i] = pose[i]
     return decrement
 
 
-def integrate_across(problem: Problem, state: State, lattice: Lattice, node: int) -> float:
+def integrate_across(pose_slopes: Array, lattice: Lattice, node: int) -> float:
     """Integrate a node across the row that it is of, as `integrate_rest` does all else."""
     m, n = lattice.across[0], lattice.across[1]
     moved, slopes, curvatures = lattice.moved[node], lattice.slopes[node], lattice.curvatures[node]
+    at, covariance, turned = lattice.ats[node], lattice.covariances[node], np.zeros(5)
     u, v, w = curvatures[0], curvatures[1], curvatures[2]
     known = m * m * u + 2 * m * n * v + n * n * w
     ratio = (m * n * (u - w) + (n * n - m * m) * v) / known
@@ -200,32 +197,33 @@ def integrate_across(problem: Problem, state: State, lattice: Lattice, node: int
     own = n * n * u - 2 * m * n * v + m * m * w - ratio * ratio * known
     decrement = 0.5 * pull * pull * known
     lattice.logs[node] += min(decrement, SETTLED) - 0.5 * np.log(known)
-    pull /= max(1.0, abs(pull) / longest_step(problem, PITCH))
-    turned = zeros(1, 5, known)
-    for i in range(len(state.at)):
+    pull /= max(1.0, abs(pull) / MAX_STEP)
+    for i in range(moved.shape[1]):
         off = m * moved[0, i] + n * moved[1, i]
         along = n * moved[0, i] - m * moved[1, i] - ratio * off
-        lattice.ats[node, i] += pull * off
+        at[i] += pull * off
         moved[0, i], moved[1, i] = n * along, -m * along
         for k in range(5):
-            turned[0, k] += state.pose_slopes[k, i] * off if i < 5 else 0.0
+            turned[k] += pose_slopes[k, i] * off if i < 5 else 0.0
     for k in range(5):
         for i in range(5):
-            lattice.covariances[node, k, i] += turned[0, k] * turned[0, i] / known
+            covariance[k, i] += turned[k] * turned[i] / known
     slopes[0], slopes[1] = n * slope, -m * slope
     curvatures[0], curvatures[1], curvatures[2] = n * n * own, -m * n * own, m * m * own
     return decrement
 
 
-def write_covariance(pose_slopes: Array, factor: Array, covariance: Array) -> None:
+def write_covariance(
+    pose_slopes: Array, coordinates: int, factor: Array, covariance: Array
+) -> None:
     """Write the covariance of the pose by its slopes and the factor of the information.
 
-    - pose_slopes: by the first unknowns of the information, on which alone the pose depends.
+    - coordinates: how many of these are unknown, the first ones of the information.
     """
     count = len(factor)
     spread = zeros(5, count, factor[0, 0])
     for i in range(5):
-        for k in range(pose_slopes.shape[1]):
+        for k in range(coordinates):
             spread[i, k] = pose_slopes[i, k]
         solve_lower(factor, spread[i])
         for j in range(i + 1):

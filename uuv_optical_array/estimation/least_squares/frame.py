@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.numerics.elementwise import borrowed, stack
+from uuv_optical_array.core.numerics.elementwise import borrowed
 from uuv_optical_array.core.numerics.gauss_newton import first_damping
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.information.linearised import write_linear
@@ -115,15 +115,17 @@ def insert(minima: list[State], state: State) -> None:
     if not np.isfinite(state.cost):
         return
     for i in range(len(minima)):
-        if is_near(state.at, minima[i]):
-            if state.cost < minima[i].cost:
+        known = minima[i]
+        if is_near(state.at, known):
+            if state.cost < known.cost:
                 minima[i] = state
             break
     else:
         minima.append(state)
     for i in range(len(minima) - 1, 0, -1):
-        if minima[i].cost < minima[i - 1].cost:
-            minima[i], minima[i - 1] = minima[i - 1], minima[i]
+        one, other = minima[i - 1], minima[i]
+        if other.cost < one.cost:
+            minima[i - 1], minima[i] = other, one
 
 
 def descend(problem: Problem, minima: list[State], start: Array, steps: int) -> None:
@@ -190,11 +192,11 @@ def search(problem: Problem, starts: Array, few: bool) -> list[State]:
 
 def posterior_about(problem: Problem, minima: list[State]) -> PosteriorMoments:
     """Return the moments of the posterior that is connected with the best minimum that has any."""
-    lattice = new_lattice(len(minima[0].at))
-    moments = integrate(problem, minima[0], lattice)
-    for i in range(1, len(minima)):
-        if not np.isfinite(moments.log_weight):
-            moments = integrate(problem, minima[i], lattice)
+    lattice = new_lattice(5 + len(problem.nuisance_mean))
+    for state in minima:
+        moments = integrate(problem, state, lattice)
+        if np.isfinite(moments.log_weight):
+            break
     return moments
 
 
@@ -202,8 +204,9 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
     """Widen a covariance to cover minima about as likely as the best; True if it was widened."""
     wider = False
     for state in minima:
-        off = state.pose - pose
-        factor, weighed = covariance.copy(), off.copy()
+        factor, off, weighed = covariance.copy(), np.empty(5), np.empty(5)
+        for i in range(5):
+            off[i] = weighed[i] = state.pose[i] - pose[i]
         if state.cost - minima[0].cost > RIVAL or not cholesky(factor):
             continue
         solve_lower(factor, weighed)
@@ -247,7 +250,8 @@ def estimate_frame(
         start, log_faulty = disbelieve(problem, guide)
     unit = direction(problem.readings, guide)
     rows, chords = nearest_rows(guide.units, unit, max(guide.candidates, 2))
-    angles = 2 * np.arcsin(np.minimum(0.5 * chords, 1.0))
+    for i in range(2):
+        written[ANGLES_ROW, i] = 2 * np.arcsin(min(0.5 * chords[i], 1.0))
     if way == DOUBTED:
         minima = minimum_from(problem, start)
     else:
@@ -259,23 +263,21 @@ def estimate_frame(
         elif few:
             starts = guide.poses[rows_alike(kept, guide, unit, MOST_STARTS)]
         minima = find_minima(problem, guide, starts, few)
-    return result_of(problem, guide, minima, angles, log_faulty, written)
+    return result_of(problem, guide, minima, log_faulty, written)
 
 
-def write_rows(
-    written: Array, pose: Array, covariance: Array, runner_up: Array, best: Array, angles: Array
-) -> None:
-    """Write the arrays of a result to `new_rows`."""
-    for i in range(5):
-        written[i, :5] = covariance[i]
-    written[POSE_ROW, :5], written[RUNNER_UP_ROW, :5] = pose, runner_up
-    written[BEST_ROW, : len(best)] = best
-    written[ANGLES_ROW, :2] = angles[:2]
+def write(values: Any, row: Array) -> None:
+    """Write values to the first places of a row.
+
+    Numba compiles ``row[:5] = values`` with all that it takes to name two shapes that differ.
+    """
+    for i in range(len(values)):
+        row[i] = values[i]
 
 
 def new_rows(problem: Problem) -> Array:
-    """Return the rows that `estimate_frame` writes."""
-    return np.empty((ANGLES_ROW + 1, 5 + len(problem.nuisance_mean)))
+    """Return the rows that `estimate_frame` writes what it finds to; nan: there is none."""
+    return np.full((ANGLES_ROW + 1, 5 + len(problem.nuisance_mean)), np.nan)
 
 
 def frame_result(
@@ -302,55 +304,51 @@ def frame_result(
 
 
 def result_of(
-    problem: Problem,
-    guide: Guide,
-    minima: list[State],
-    angles: Array,
-    log_faulty: float,
-    written: Array,
+    problem: Problem, guide: Guide, minima: list[State], log_faulty: float, written: Array
 ) -> Numbers:
     """Write and return what the minima of a frame's cost, best first, leave of the pose.
 
     - log_faulty: logarithm of the probability of what the weights leave out.
     """
-    nothing: Array = np.full(5, np.nan)
-    covariance: Array = np.full((5, 5), np.nan)
-    best: Array = np.full(5 + len(problem.nuisance_mean), np.nan)
-    score, outcome = np.inf, NO_START
-    pose, evidence, by_laplace, wider = nothing, -np.inf, -np.inf, False
-    runner_up, runner_up_score = nothing, np.nan
+    score, outcome, runner_up_score = np.inf, NO_START, np.nan
+    evidence, by_laplace, wider = -np.inf, -np.inf, False
     if len(minima) > 0:
-        best = minima[0].at.copy()
-        best[:5] = minima[0].pose
-        score, outcome = misfit(problem, minima[0].at), MISFIT
+        best = minima[0]
+        write(best.at, written[BEST_ROW])
+        write(best.pose, written[BEST_ROW])
+        score, outcome = misfit(problem, best.at), MISFIT
     if score <= guide.max_score:
         moments, density = laplace(minima[0]), log_density(problem.nuisance_std)
         by_laplace = moments.log_weight + density
         if not guide.gaussian:
             moments = posterior_about(problem, minima)
-        pose, evidence = moments.mean, moments.log_weight + density + log_faulty
-        covariance = moments.covariance
-        wider = cover(minima, pose, covariance)
+        evidence, covariance = moments.log_weight + density + log_faulty, moments.covariance
+        wider = cover(minima, moments.mean, covariance)
+        write(moments.mean, written[POSE_ROW])
+        for i in range(5):
+            write(covariance[i], written[i])
         sound = np.isfinite(evidence) and cholesky(covariance.copy())
         outcome = FITTED if sound else NO_COVARIANCE
         if len(minima) > 1:
-            runner_up, runner_up_score = minima[1].pose, misfit(problem, minima[1].at)
-    write_rows(written, pose, covariance, runner_up, best, angles)
+            runner_up = minima[1]
+            write(runner_up.pose, written[RUNNER_UP_ROW])
+            runner_up_score = misfit(problem, runner_up.at)
     return outcome, score, runner_up_score, evidence, by_laplace, wider
 
 
 def one_step(problem: Problem, place: Array, written: Array) -> Numbers:
     """Write and return the Gaussian that one linear step from pose and nuisances leads to."""
-    at = place.copy()
-    at[:5] = from_pose(problem.frame, place, problem.roll)
+    at, given = place.copy(), (place[0], place[1], place[2], place[3], place[4])
+    write(from_pose(problem.frame, given, problem.roll), at)
     state = evaluate(problem, at)
     best, decrement = propose(problem, state, 0.0)
     moments = laplace(state)
     _, pose, _ = to_lamp(problem.frame, best, problem.roll)
-    best[:5] = stack(*pose)
     log_evidence = moments.log_weight + decrement + log_density(problem.nuisance_std)
-    nothing: Array = np.full(5, np.nan)
-    write_rows(written, best[:5], moments.covariance, nothing, best, nothing)
+    write(best, written[BEST_ROW])
+    for i in range(5):
+        written[POSE_ROW, i] = written[BEST_ROW, i] = pose[i]
+        write(moments.covariance[i], written[i])
     return FITTED, np.nan, np.nan, log_evidence, log_evidence, False
 
 

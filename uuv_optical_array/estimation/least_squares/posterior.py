@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import PITCH, Array
-from uuv_optical_array.core.numerics.elementwise import borrowed
+from uuv_optical_array.core.numerics.elementwise import borrowed, stack
 from uuv_optical_array.core.numerics.linear_algebra import cholesky
 from uuv_optical_array.estimation.least_squares.attitude_nodes import (
     Lattice,
@@ -105,13 +105,11 @@ def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMom
         if logs[count] > largest - NEGLIGIBLE:
             largest = max(largest, logs[count])
             places[count, 0], places[count, 1] = place_i, place_j
+            curvatures = lattice.curvatures[count]
             for k in range(2):
                 u, v = basis[0, k], basis[1, k]
-                squares[count, k] = (
-                    u * u * lattice.curvatures[count, 0]
-                    + 2 * u * v * lattice.curvatures[count, 1]
-                    + v * v * lattice.curvatures[count, 2]
-                )
+                square = u * u * curvatures[0] + 2 * u * v * curvatures[1]
+                squares[count, k] = square + v * v * curvatures[2]
             count += 1
         # The next neighbour, of a node that counts, which may count too.
         has_next = False
@@ -240,17 +238,16 @@ def by_nine_nodes(
 
 def laplace(state: State) -> PosteriorMoments:
     """Return the moments of a posterior by Laplace's approximation about a minimum."""
-    size = len(state.at)
-    factor, covariance = state.information.copy(), np.empty((5, 5))
+    factor, covariance = state.information.copy(), np.full((5, 5), np.nan)
+    mean = stack(*state.pose)
     if not cholesky(factor):
-        covariance[:] = np.nan
-        return PosteriorMoments(-np.inf, state.pose, covariance, 0)
+        return PosteriorMoments(-np.inf, mean, covariance, 0)
     # As of a lattice, whose sum is over the attitude.
     log_weight = state.log_volume - state.cost + LOG_2PI
-    for i in range(size):
+    for i in range(len(factor)):
         log_weight -= np.log(factor[i, i])
-    write_covariance(state.pose_slopes, factor, covariance)
-    return PosteriorMoments(log_weight, state.pose, covariance, 0)
+    write_covariance(state.slopes, state.slopes.shape[1], factor, covariance)
+    return PosteriorMoments(log_weight, mean, covariance, 0)
 
 
 def integrate(problem: Problem, minimum: State, given: Lattice) -> PosteriorMoments:

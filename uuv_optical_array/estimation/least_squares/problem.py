@@ -10,7 +10,6 @@ from numpy import sqrt
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.numerics.elementwise import (
     indices,
-    stack,
     total,
     workspace,
     zeros,
@@ -47,6 +46,7 @@ MOST_STEPS: Any = np.int64(40)
 ARRIVED = 5e-3
 # Of `settle`: damping of the first step, and how many without gain it takes before it goes back.
 SLIGHT, UPHILL = 1e-6, 6
+VOLUME = 5  # row of `State.slopes`, after those of the pose
 
 
 class Problem(NamedTuple):
@@ -83,20 +83,18 @@ class State(NamedTuple):
     - at: coordinates and nuisances, shape ``(p,)``.
     - gradient: of the log-posterior, shape ``(p,)``.
     - information: of Gauss and Newton, prior included, shape ``(p, p)``.
-    - pose: m and rad, shape ``(5,)``.
-    - pose_slopes: of the pose by the coordinates, shape ``(5, 5)``.
+    - pose: m and rad, five numbers.
     - log_volume: logarithm of the volume of poses that a unit volume of the coordinates holds.
-    - volume_slopes: of that by the coordinates, shape ``(5,)``.
+    - slopes: of the pose, and in row `VOLUME` of that, by the coordinates, shape ``(6, 5)``.
     """
 
     cost: float
     at: Array
     gradient: Array
     information: Array
-    pose: Array
-    pose_slopes: Array
+    pose: tuple[float, float, float, float, float]
     log_volume: float
-    volume_slopes: Array
+    slopes: Array
 
 
 def problem_of(
@@ -194,8 +192,9 @@ def evaluate(problem: Problem, at: Array) -> State:
     optics, frame, roll = problem.optics, problem.frame, problem.roll
     mean, std, nuisances = problem.pose_mean, problem.pose_std, at[5:]
     lamp, pose, log_volume = to_lamp(frame, at, roll)
-    lamp_slopes, pose_slopes = zeros(6, 5, at[0]), zeros(5, 5, at[0])
-    write_slopes(frame, at, roll, lamp, lamp_slopes, pose_slopes)
+    lamp_slopes, slopes = zeros(6, 5, at[0]), zeros(6, 5, at[0])
+    write_slopes(frame, at, roll, lamp, lamp_slopes, slopes)
+    write_volume_slopes(frame, lamp, lamp_slopes, slopes[VOLUME])
     image = workspace(1 + size, at[0], n)
     write_light(optics, lamp, lamp_slopes, (at[PITCH], at[YAW], roll), nuisances, image)
     detect(optics, nuisances, image)
@@ -221,27 +220,17 @@ def evaluate(problem: Problem, at: Array) -> State:
         off = (pose[i] - mean[i]) * precision
         cost += 0.5 * off * off
         for q in range(5):
-            slope = pose_slopes[i, q] * precision
+            slope = slopes[i, q] * precision
             gradient[q] -= off * slope
             slope *= precision
             for s in range(5):
-                information[q, s] += slope * pose_slopes[i, s]
+                information[q, s] += slope * slopes[i, s]
     cost += nuisance_cost(problem, at)
     for i in range(5, size):
         precision = 1 / problem.nuisance_std[i - 5] ** 2
         gradient[i] -= (at[i] - problem.nuisance_mean[i - 5]) * precision
         information[i, i] += precision
-    volume_slopes = slopes_of_volume(frame, lamp, lamp_slopes)
-    return State(
-        cost,
-        at.copy(),
-        gradient,
-        information,
-        stack(*pose),
-        pose_slopes,
-        log_volume,
-        volume_slopes,
-    )
+    return State(cost, at.copy(), gradient, information, pose, log_volume, slopes)
 
 
 def nuisance_cost(problem: Problem, at: Array) -> float:
@@ -257,9 +246,8 @@ def longest_step(problem: Problem, i: int) -> float:
     return MAX_STEP if i < 5 else 2 * problem.nuisance_std[i - 5]
 
 
-def slopes_of_volume(frame: CoordinateFrame, lamp: Any, lamp_slopes: Any) -> Array:
-    """Return the slopes of `coordinates.to_lamp`'s `log_volume`, shape ``(5,)``."""
-    slopes = np.empty(5)
+def write_volume_slopes(frame: CoordinateFrame, lamp: Any, lamp_slopes: Any, slopes: Any) -> None:
+    """Write the slopes of `coordinates.to_lamp`'s `log_volume`, shape ``(5,)``."""
     x, y, z, range_m = from_centre(frame, lamp)
     level = max(1 - (z / range_m) ** 2, 1e-18)
     by_range = 2 / range_m + 1 / (range_m * range_m * (1 / range_m + 0.5 * frame.k_per_m))
@@ -269,7 +257,6 @@ def slopes_of_volume(frame: CoordinateFrame, lamp: Any, lamp_slopes: Any) -> Arr
         # ln cos e is half of ln (1 - (z / r)^2).
         risen = (w - z / range_m * radial) / range_m
         slopes[q] = by_range * radial - z / range_m * risen / level
-    return slopes
 
 
 def propose(problem: Problem, state: State, damping: float) -> tuple[Array, float]:

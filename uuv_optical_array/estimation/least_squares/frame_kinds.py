@@ -26,9 +26,11 @@ from uuv_optical_array.forward.prior import (
     ROLL,
     SHADE_DECAY,
     SHADES,
+    FrameLight,
     of_lamp,
     shade_doubt,
 )
+from uuv_optical_array.forward.scene import Scene
 
 LEAST = 1e-6  # probability that an image is clear or not, whatever the images before said
 # Standard deviations, at full size, of what several lamps show beside a shade: the roll, rad, as
@@ -58,42 +60,56 @@ class FrameKind(NamedTuple):
 
 def frame_kinds(model: ForwardModel, pose_mean: Array, pose_std: Array) -> list[FrameKind]:
     """Return the kinds of frame of a model's scene, the clear one first, by the pose's prior."""
-    known, lamps = model.scene.prior, model.scene.lamp_count if model.scene.lamps else 0
-    own_stds, constants = model.scene.nuisance_std(), model.scene.constants_std()
-    seen_by_many = {name: std for name, std in constants.items() if name not in own_stds}
+    scene = model.scene
     kinds: list[FrameKind] = []
-    for light in known.lights(model.scene.daylight_scale_counts, lamps):
-        stds = {**own_stds, **known.std_in(light)}
-        gain_std = known.gain_std_in(light)
-        if light.cloud and lamps:
-            # On its way from each lamp the light is shaded differently.
-            for i in range(lamps):
-                power = of_lamp(i, OWN_POWER)
-                stds[power] = math.hypot(stds.get(power, 0.0), light.depth)
-                stds |= {of_lamp(i, mode): stds[mode] for mode in SHADES}
-            stds = {name: std for name, std in stds.items() if name not in SHADES}
-            gain_std = math.hypot(gain_std, light.depth * SHADE_DECAY)
-        elif light.size and lamps:
-            own = {of_lamp(i, key): std for i in range(lamps) for key, std in BY_LAMP.items()}
-            for name, std in {**BY_LAMPS, **own}.items():
-                if stds.get(name, 0.0) > 0:  # else a scene of this kind knows it exactly
-                    stds[name] = math.hypot(stds[name], light.size * std)
-        for name, std in seen_by_many.items():
-            if name in stds:
-                stds[name] = math.hypot(stds[name], std)
-        names = list(stds)
-        problem = problem_of(model, pose_mean, pose_std, stds)
+    for light in scene.prior.lights(scene.daylight_scale_counts, len(scene.lamps)):
+        stds, gain_std = unknown_in(light, scene)
+        names, problem = tuple(stds), problem_of(model, pose_mean, pose_std, stds)
+        noise = problem.noise._replace(square=gain_std**2 + model.analogue_noise.square)
         mean = problem.nuisance_mean.copy()
         if light.cloud:
             mean[names.index(POWER)] = -light.depth
-        noise = problem.noise._replace(square=gain_std**2 + model.analogue_noise.square)
-        problem = problem._replace(nuisance_mean=mean, noise=noise)
-        doubt = shade_doubt(model.scene.lamp_count) if light.cloud else 1.0
         clear = kinds[0].names if kinds else names
-        shared = np.array([names.index(name) for name in clear], dtype=np.intp)
-        of = problem, tuple(names), light.share, shared, doubt, light.size
-        kinds.append(FrameKind(*of))
+        kind = FrameKind(
+            problem=problem._replace(nuisance_mean=mean, noise=noise),
+            names=names,
+            share=light.share,
+            shared=np.array([names.index(name) for name in clear], dtype=np.intp),
+            doubt=shade_doubt(scene.lamp_count) if light.cloud else 1.0,
+            size=light.size,
+        )
+        kinds.append(kind)
     return kinds
+
+
+def unknown_in(light: FrameLight, scene: Scene) -> tuple[dict[str, float], float]:
+    """Return the standard deviations of what a kind of frame leaves unknown, and of its gains."""
+    own, lamps = scene.nuisance_std(), len(scene.lamps)
+    stds, gain_std = {**own, **scene.prior.std_in(light)}, scene.prior.gain_std_in(light)
+    if light.cloud and lamps:
+        stds = shaded_apart(stds, light.depth, lamps)
+        gain_std = math.hypot(gain_std, light.depth * SHADE_DECAY)
+    elif light.size and lamps:
+        by_lamp = {of_lamp(i, key): std for i in range(lamps) for key, std in BY_LAMP.items()}
+        more = {name: light.size * std for name, std in {**BY_LAMPS, **by_lamp}.items()}
+        stds = widened(stds, more)
+    constants = scene.constants_std().items()
+    return widened(stds, {name: std for name, std in constants if name not in own}), gain_std
+
+
+def shaded_apart(stds: dict[str, float], depth: float, lamps: int) -> dict[str, float]:
+    """Return standard deviations where the light of each lamp is shaded differently on its way."""
+    apart = {name: std for name, std in stds.items() if name not in SHADES}
+    for i in range(lamps):
+        power = of_lamp(i, OWN_POWER)
+        apart[power] = math.hypot(apart.get(power, 0.0), depth)
+        apart |= {of_lamp(i, mode): stds[mode] for mode in SHADES}
+    return apart
+
+
+def widened(stds: dict[str, float], more: dict[str, float]) -> dict[str, float]:
+    """Return standard deviations with those of further errors; a scene knows the others exactly."""
+    return {name: math.hypot(std, more.get(name, 0.0)) for name, std in stds.items()}
 
 
 def expecting(kinds: list[FrameKind], uneven: float | None) -> list[FrameKind]:

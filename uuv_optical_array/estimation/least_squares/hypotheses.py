@@ -84,6 +84,11 @@ class Hypothesis(NamedTuple):
     log_chance: float = 0.0
 
     @property
+    def fitted(self) -> bool:
+        """Whether there is a pose."""
+        return self.frame.outcome == FITTED
+
+    @property
     def log_evidence(self) -> float:
         """Logarithm of the probability of image and kind, without constants."""
         return math.log(self.kind.share) + self.log_chance + self.frame.log_evidence
@@ -91,7 +96,7 @@ class Hypothesis(NamedTuple):
     @property
     def refused(self) -> "Hypothesis":
         """The hypothesis without a pose, where it has one."""
-        if self.frame.outcome != FITTED:
+        if not self.fitted:
             return self
         return self._replace(frame=self.frame._replace(outcome=MISFIT))
 
@@ -131,32 +136,26 @@ class Hypotheses:
         - match: as of `ImageFit`; then no detector is taken to be faulty.
         - NoPose: where more than one lamp shows nothing.
         """
-        faults, start = match is None, NOWHERE if match is None else match
-        problem = image.problem(kinds[0])
-        dark = self._without_dark_lamp(image, kinds[0], problem, start) if self._linear else None
+        (kind, *others), faults = kinds, match is None
+        start = NOWHERE if match is None else match
+        dark = self._without_dark_lamp(image, kind, start) if self._linear else None
         # Where a lamp is dark, no start with all of them may lead anywhere.
         near = _level(dark, image) if dark else start
-        clear = self._hypothesis(kinds[0], problem, near)
+        clear = self._hypothesis(kind, image.problem(kind), near)
         found = [clear, dark] if dark else [clear]
-        if dark and clear.frame.outcome != FITTED:
+        if dark and not clear.fitted:
             return found
         if faults and clear.frame.score > self._doubtful:
-            mended = self._mended(image, kinds[0])
+            mended = self._mended(image, kind)
             found += mended
-            if mended[0].frame.outcome == FITTED:
+            if mended[0].fitted:
                 start = _level(mended[0], image)
-        if clear.frame.outcome == FITTED:
-            for kind in kinds[1:]:
-                beside = self._beside(image, kind, clear)
-                if beside:
-                    found.append(beside)
-                elif kind.size >= 1:
-                    break  # a larger one is less likely still
-            return found
-        found += [self._uneven(kind, image.problem(kind), start) for kind in kinds[:0:-1]]
-        if faults and not any(each.frame.outcome == FITTED for each in found):
+        if clear.fitted:
+            return found + self._beside_clear(image, others, clear)
+        found += [self._uneven(other, image.problem(other), start) for other in reversed(others)]
+        if faults and others and not any(each.fitted for each in found):
             # Very uneven light beside a few detectors that are not believed would explain anything.
-            found += self._mended(image, kinds[1]) if len(kinds) > 1 else []
+            found += self._mended(image, others[0])
         return found
 
     def _hypothesis(
@@ -174,6 +173,19 @@ class Hypotheses:
         """Fit an image as one that is not clear, which must fit as well as most of these."""
         found = self._hypothesis(kind, problem, start)
         return found if self._fits(found) else found.refused
+
+    def _beside_clear(
+        self, image: Image, kinds: list[FrameKind], clear: Hypothesis
+    ) -> list[Hypothesis]:
+        """Return the hypotheses of unclear kinds, the least uneven first, that are likely."""
+        found = []
+        for kind in kinds:
+            beside = self._beside(image, kind, clear)
+            if beside:
+                found.append(beside)
+            elif kind.size >= 1:
+                break  # a larger one is less likely still
+        return found
 
     def _beside(self, image: Image, kind: FrameKind, clear: Hypothesis) -> Hypothesis | None:
         """Return the hypothesis of a kind near the fit of a clear frame, if it is likely.
@@ -220,11 +232,9 @@ class Hypotheses:
             mended.append(hidden._replace(log_chance=float(chance - more * math.log(FAULTY))))
         return [each if self._fits(each) else each.refused for each in mended]
 
-    def _without_dark_lamp(
-        self, image: Image, kind: FrameKind, problem: Problem, start: Array
-    ) -> Hypothesis | None:
+    def _without_dark_lamp(self, image: Image, kind: FrameKind, start: Array) -> Hypothesis | None:
         """Return a clear frame without a lamp that shows nothing, as if it were off or hidden."""
-        noise = problem.noise
+        noise = kind.problem.noise
         images = image.readings.reshape(self._model.scene.lamp_count, -1)
         squares = (np.square(images - noise.black) / noise.variance).sum(axis=1)
         dark = int(squares.argmin())
@@ -235,7 +245,7 @@ class Hypotheses:
             return None
         weights = np.ones_like(images)
         weights[dark] = 0.0
-        problem = problem._replace(weights=weights.ravel())
+        problem = image.problem(kind)._replace(weights=weights.ravel())
         found = self._hypothesis(kind, problem, start)
         chance = math.log(LAMP_OFF) - 0.5 * squares[dark]
         return found._replace(log_chance=chance) if self._fits(found) else None
@@ -244,7 +254,7 @@ class Hypotheses:
         """Return whether a frame that is not clear, or has faults, fits well enough."""
         frame, problem = found.frame, found.problem
         most = EVEN if found.kind.size > 1 else self._doubtful
-        if frame.outcome != FITTED or frame.score > most:
+        if not found.fitted or frame.score > most:
             return False
         offs = np.abs(frame.best[5:] - problem.nuisance_mean) / problem.nuisance_std
         return not (found.kind.size > 0 and (offs > FAR_OFF).any())

@@ -168,13 +168,15 @@ class ImageFit:
             main = found[max(clears, key=lambda i: shares[i])]
             clear = min(sum(shares[i] for i in clears), 1.0)
         self._check(result)
-        pose, rolls, near = result.pose[:5], result.pose[5:], None
+        pose, rolls, near = result.pose[:5], result.pose[5:], main.near
         covariance: Array = result.covariance[:5, :5]
-        if main.near:
-            near, count = main.near, 5 + len(self._constants.names)
+        # A reading at full scale says only how little the light is at least, which is not linear.
+        linear = clear > CLEAR and image.readings.max() < self._model.noise.high
+        stds = np.array(self._constants.stds[len(main.kind.names) :])
+        if near:
+            count = 5 + len(self._constants.names)
             near = near._replace(at=near.at[:count], slopes=near.slopes[:, :count])
-        elif tracked:
-            stds = np.array(self._constants.stds[len(main.kind.names) :])
+        elif tracked and (linear or (len(stds) and clear > 0)):
             at = np.concatenate([main.frame.best, np.zeros(len(stds))])
             near = self.near(image.readings, at, image.roll, main.frame.weights)
             if len(stds) and clear > 0:
@@ -182,8 +184,7 @@ class ImageFit:
                 fitted = np.concatenate([main.problem.pose_std, main.problem.nuisance_std])
                 slopes = stds * near.pose_slopes(fitted, self._constants.gain_std)
                 covariance = covariance + clear * slopes @ slopes.T
-        # A reading at full scale says only how little the light is at least, which is not linear.
-        if near and not (clear > CLEAR and image.readings.max() < self._model.noise.high):
+        if not linear:
             near = None
         dark, left_out = self._left_out(result.weights)
         unobservable = covariance.diagonal() > self._unobservable_variance
@@ -210,7 +211,7 @@ class ImageFit:
         self, no_lamp: NoLamp, readings: Array, kinds: list[FrameKind], found: list[Hypothesis]
     ) -> None:
         """Raise `NoPose` for an image that is hardly more probable with the lamp than without."""
-        fitted = [each.log_evidence for each in found if each.frame.outcome == FITTED]
+        fitted = [each.log_evidence for each in found if each.fitted]
         if not fitted:
             return
         log_seen = float(np.logaddexp.reduce(fitted)) + self._log_prior

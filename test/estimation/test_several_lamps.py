@@ -17,7 +17,7 @@ from uuv_optical_array.estimation.least_squares import frame as one_frame
 from uuv_optical_array.estimation.least_squares.frame import (
     BELIEVED,
     ONE_STEP,
-    find_minima,
+    search,
 )
 from uuv_optical_array.estimation.least_squares.image_fit import CLEAR, ImageFit
 from uuv_optical_array.estimation.least_squares.linear_model import LinearModel
@@ -205,11 +205,11 @@ def test_a_lamp_that_shines_alone_among_several_gets_no_pose(estimator, lit):
 def test_no_search_with_all_lamps_where_one_is_dark(estimator, monkeypatch):
     rng, starts = np.random.default_rng(7), []
 
-    def find(problem, guide, poses, few):
+    def find(problem, poses, few):
         starts.append(len(poses))
-        return find_minima(problem, guide, poses, few)
+        return search(problem, poses, few)
 
-    monkeypatch.setattr(one_frame, "find_minima", find)
+    monkeypatch.setattr(one_frame, "search", find)
     image, _, _ = drawn(rng)
     image[:5] = MODEL.read(np.full((5, 5), MODEL.noise.black), rng)
     fit = ImageFit(MODEL, estimator.constants, 3, 1e-5, compiled=False)

@@ -1,8 +1,8 @@
 """One frame of ``least_squares``: from readings and their signature to pose and covariance.
 
-`estimate_frame` is all of it in one call, which compiled code does not leave: it starts from poses
-whose images look alike, finds the minima of the cost that they lead to, and integrates the
-posterior about the best one.
+`estimate_frame` is all of it in one call, or of a large array in two, which compiled code does not
+leave: it starts from poses whose images look alike, finds the minima of the cost that they lead to,
+and integrates the posterior about the best one.
 """
 
 from collections.abc import Callable
@@ -61,8 +61,8 @@ FOLLOWED = 16
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
 # How a frame is estimated: with all readings, or with weights by their residuals; or by one linear
-# step; or only linearised.
-BELIEVED, DOUBTED, ONE_STEP, LINEARISED = range(4)
+# step; or only linearised; or, of a large array, searched by few detectors and settled by all.
+BELIEVED, DOUBTED, ONE_STEP, LINEARISED, SEARCHED, SETTLED = range(6)
 NOWHERE: Array = np.empty(0)
 # Outcome, scores of best and next minimum, evidence, that by Laplace, whether wider.
 Numbers: TypeAlias = tuple[int, float, float, float, float, bool]
@@ -145,24 +145,6 @@ def descend(problem: Problem, minima: list[State], start: Array, steps: int) -> 
     insert(minima, state)
 
 
-def find_minima(problem: Problem, guide: Guide, starts: Array, few: bool) -> list[State]:
-    """Return the minima that poses lead to, best first.
-
-    Those of a large array are found by few of its detectors, and refined by all.
-
-    - starts: poses of level followers, shape ``(k, 5)``.
-    - few: whether few detectors are lit.
-    """
-    if len(guide.readings) == len(problem.readings):
-        return search(problem, starts, few)
-    found = search_few(thinned(problem, guide.readings, guide.blur), starts, few)
-    minima = found[:0]
-    for state in found:
-        if state.cost - found[0].cost < NEGLIGIBLE:
-            insert(minima, settle(problem, state.at))
-    return minima
-
-
 def minimum_from(problem: Problem, start: Array) -> list[State]:
     """Return the minimum that coordinates and nuisances lead to; none where there is none."""
     minima = [refine(problem, start, MOST_STEPS)]
@@ -171,13 +153,21 @@ def minimum_from(problem: Problem, start: Array) -> list[State]:
     return minima
 
 
-def search_few(given: Problem, starts: Array, few: bool) -> list[State]:
-    """Return the minima that `search` finds; the caller keeps the arrays that are borrowed."""
-    return search(borrowed(given), starts, few)
+def settled(problem: Problem, places: Array) -> list[State]:
+    """Return the minima near places, coordinates and nuisances, shape ``(k, p)``, best first."""
+    found = [settle(problem, places[k]) for k in range(len(places))]
+    minima = found[:0]
+    for state in found:
+        insert(minima, state)
+    return minima
 
 
 def search(problem: Problem, starts: Array, few: bool) -> list[State]:
-    """Return what `find_minima` does, by all readings of a problem."""
+    """Return the minima that poses lead to, best first.
+
+    - starts: poses of level followers, shape ``(k, 5)``.
+    - few: whether few detectors are lit.
+    """
     steps = FEW_STEPS if few else MOST_STEPS
     minima = minimum_from(problem, start_at(problem, starts[0]))
     for i in range(1, len(starts)):
@@ -234,10 +224,13 @@ def estimate_frame(
     - to_start: where to start.
     - way: `BELIEVED`; `DOUBTED`: readings may be faulty, and those of the problem and the weights
       are written; `ONE_STEP`: what one linear step from a place leads to, by its Gaussian;
-      `LINEARISED`: what `write_linear` writes, and nothing else.
-    - place: pose and nuisances, shape ``(p,)``; of `BELIEVED` the pose of a level follower alone to
-      start from, ``(5,)``, or `NOWHERE`: where the guide says.
-    - written: shape ``(4 + p, n)`` of `LINEARISED`, else `new_rows`, which `frame_result` names.
+      `LINEARISED`: what `write_linear` writes, and nothing else; `SEARCHED`: where the minima are,
+      and nothing else; `SETTLED`: from near these.
+    - place: pose and nuisances, shape ``(p,)``; of `BELIEVED` and `SEARCHED` the pose of a level
+      follower alone to start from, ``(5,)``, or `NOWHERE`: where the guide says; of `SETTLED`
+      coordinates and nuisances of all places, one after the other.
+    - written: shape ``(4 + p, n)`` of `LINEARISED`, ``(MOST_STARTS, p)`` of `SEARCHED`, else
+      `new_rows`, which `frame_result` names.
     """
     problem, guide = borrowed(given), borrowed(to_start)
     if way == LINEARISED:
@@ -250,10 +243,10 @@ def estimate_frame(
         start, log_faulty = disbelieve(problem, guide)
     unit = direction(problem.readings, guide)
     rows, chords = nearest_rows(guide.units, unit, max(guide.candidates, 2))
-    for i in range(2):
-        written[ANGLES_ROW, i] = 2 * np.arcsin(min(0.5 * chords[i], 1.0))
     if way == DOUBTED:
         minima = minimum_from(problem, start)
+    elif way == SETTLED:
+        minima = settled(problem, place.reshape(-1, 5 + len(problem.nuisance_mean)))
     else:
         kept = problem.readings[guide.readings]
         few = not guide.gaussian and lit(kept, problem) < FEW_LIT
@@ -262,7 +255,15 @@ def estimate_frame(
             starts = place.reshape(1, 5)
         elif few:
             starts = guide.poses[rows_alike(kept, guide, unit, MOST_STARTS)]
-        minima = find_minima(problem, guide, starts, few)
+        minima = search(problem, starts, few)
+    if way == SEARCHED:
+        for i in range(len(minima)):
+            state = minima[i]
+            if state.cost - minima[0].cost < NEGLIGIBLE:
+                write(state.at, written[i])
+        return NO_START, np.nan, np.nan, np.nan, np.nan, False
+    for i in range(2):
+        written[ANGLES_ROW, i] = 2 * np.arcsin(min(0.5 * chords[i], 1.0))
     return result_of(problem, guide, minima, log_faulty, written)
 
 
@@ -283,8 +284,17 @@ def new_rows(problem: Problem) -> Array:
 def frame_result(
     fit_frame: Callable[..., Any], problem: Problem, guide: Guide, way: int, place: Array
 ) -> FrameResult:
-    """Return what `estimate_frame`, compiled or not, leads to in any way but `LINEARISED`."""
+    """Return what `estimate_frame`, compiled or not, leads to as of `BELIEVED` to `ONE_STEP`.
+
+    A large array is searched by few of its detectors, and what is found refined by all.
+    """
     written = new_rows(problem)
+    if way == BELIEVED and len(guide.readings) < len(problem.readings):
+        few = thinned(problem, guide.readings, guide.blur)
+        of_few = guide._replace(readings=np.arange(len(guide.readings)))
+        found = np.full((MOST_STARTS, written.shape[1]), np.nan)
+        fit_frame(few, of_few, SEARCHED, place, found)
+        way, place = SETTLED, found[np.isfinite(found[:, 0])].reshape(-1)
     numbers = fit_frame(problem, guide, way, place, written)
     outcome, score, runner_up_score, log_evidence, linear_log_evidence, wider = numbers
     return FrameResult(

@@ -43,43 +43,18 @@ def thinned_optics(optics: Optics, readings: Any, blur: Array) -> Optics:
     - readings, blur: as of `readings_of` and `thinned_blur`.
     """
     detectors = readings[: len(readings) // optics.lamps.shape[1]]
-    return Optics(
-        optics.detectors[:, detectors],
-        optics.radius_m,
-        optics.power,
-        optics.lamps,
-        optics.lamp_at,
-        optics.gaussians,
-        optics.scattering_per_m,
-        optics.nuisances,
-        optics.power_at,
-        optics.sigma_at,
-        optics.scattering_at,
-        optics.radius_at,
-        optics.laws,
-        optics.law_settings,
-        optics.law_at,
-        optics.step_kinds,
-        optics.step_values[:, readings],
-        optics.step_scales,
-        optics.step_at,
-        blur,
+    return optics._replace(
+        detectors=np.ascontiguousarray(optics.detectors[:, detectors]),
+        step_values=np.ascontiguousarray(optics.step_values[:, readings]),
+        blur=blur,
     )
 
 
 def thinned(problem: Problem, readings: Any, blur: Array) -> Problem:
     """Return the problem of few of the readings, as `thinned_optics`."""
-    return Problem(
-        thinned_optics(problem.optics, readings, blur),
-        problem.noise,
-        problem.frame,
-        problem.pose_mean,
-        problem.pose_std,
-        problem.nuisance_mean,
-        problem.nuisance_std,
-        problem.spans * len(readings) // len(problem.readings),
-        problem.dark_counts,
-        problem.readings[readings],
-        problem.weights[readings],
-        problem.roll,
+    return problem._replace(
+        optics=thinned_optics(problem.optics, readings, blur),
+        spans=problem.spans * len(readings) // len(problem.readings),
+        readings=problem.readings[readings],
+        weights=problem.weights[readings],
     )

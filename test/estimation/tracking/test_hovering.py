@@ -27,7 +27,7 @@ def fitted(lineariser, image, constants):
 
 
 def test_half_a_minute_at_one_place_moves_no_range_and_makes_no_gradient_known():
-    """By every frame's own linearisation the range was 0.08 m off by then, and on its way."""
+    """Without noise by the place gradients were known to 0.57 of their prior by then."""
     model, rng = ForwardModel(load_scene("follow")), np.random.default_rng(1)
     constants = constants_of(model)
     lineariser, light = Lineariser(model, constants.names), model.light(AT, 0.0)
@@ -48,4 +48,4 @@ def test_half_a_minute_at_one_place_moves_no_range_and_makes_no_gradient_known()
     # From one place light from aside looks as a turn of the array.
     prior = dict(zip(constants.names, constants.stds, strict=True))
     for name in ("ambient.to_starboard_counts", "ambient.to_bottom_counts"):
-        assert track.constants[name].std > 0.9 * prior[name]
+        assert track.constants[name].std > 0.85 * prior[name]

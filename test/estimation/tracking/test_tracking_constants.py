@@ -35,10 +35,7 @@ def constants(detectors):
 
 
 def frames(seed, detectors, count=7, truth=None, apart_s=1.0):
-    """Return stamps and readings of light that is linear in pose, constants and gains.
-
-    A second apart each frame teaches by itself.
-    """
+    """Return stamps and readings of light that is linear in pose, constants and gains."""
     rng = np.random.default_rng(seed)
     apart_ns = rng.integers(1_000_000_000, 1_450_000_000, count)
     stamps = START_NS + np.cumsum((apart_s * apart_ns).astype(int))
@@ -65,45 +62,48 @@ def anywhere(readings, at):
     return readings._replace(at=at, residuals=readings.residuals - off)
 
 
+def prior_stds(detectors):
+    return np.array([*STDS, *[GAIN_STD] * detectors])
+
+
 def fed(tracker, stamps, readings, covariance=SHARP):
     for stamp, each in zip(stamps, readings, strict=True):
         track = tracker.update(stamp, each.at[:5], covariance, each)
     return track
 
 
-def by_state(readings):
-    """Return slopes by pose and by biases, what is read of them, and the errors' covariance."""
+def by_state(readings, step_s=1.0):
+    """Return slopes by pose and by biases, what is read of them, and the errors' covariance.
+
+    Errors of the place are half as large as those of gains and average from second to second.
+    """
     says = np.isfinite(readings.variances)
     by_biases = np.hstack([readings.slopes[:, 5:], np.diag(readings.light)])
     read = readings.residuals + readings.slopes @ readings.at
-    return readings.slopes[says, :5], by_biases[says], read[says], np.diag(readings.variances[says])
+    of_place = np.square(GAIN_STD / 2 * readings.light) * max(1.0, 1.0 / step_s)
+    errors = np.diag((readings.variances + of_place)[says])
+    return readings.slopes[says, :5], by_biases[says], read[says], errors
 
 
 def textbook(stamps, readings, detectors, settings=DRIFTING):
-    """Return mean and covariance of pose, rate, and lasting and passing parts of all biases.
+    """Return mean and covariance of pose, rate and biases.
 
-    What does not depend on the pose teaches the biases, once in a second, by the mean of the
-    frames since; by the rest their gain is 0 (Schmidt).
+    What does not depend on the pose teaches the biases; by the rest their gain is 0 (Schmidt).
     """
-    variances, times = biases_of(detectors, settings)
+    variances = np.square(prior_stds(detectors))
     mean = np.concatenate([readings[0].at[:5], np.zeros(5 + len(variances))])
     covariance = np.diag([*np.square([*POSE_STD, *RATE_STD]), *variances])
-    gathered, count, taught_ns = 0.0, 0, -math.inf
+    step_s = math.inf
     for k, each in enumerate(readings):
         if k:
             step_s = (stamps[k] - stamps[k - 1]) * 1e-9
-            mean, covariance = moved(mean, covariance, step_s, settings, variances, times)
-        by_pose, by_biases, read, errors = by_state(each)
-        says, white = np.isfinite(each.variances), 1 / np.sqrt(errors.diagonal())[:, None]
-        slopes = np.hstack([by_pose, np.zeros((len(read), 5)), by_biases, by_biases])
-        whole = np.zeros((detectors, len(mean) + 1))
-        whole[says] = white * np.column_stack([slopes, read - slopes @ mean])
-        gathered, count, before = gathered + whole, count + 1, mean
-        if stamps[k] - taught_ns >= 1e9:
-            rows = gathered / math.sqrt(count)
-            rows = null_space(rows[:, :5].T).T @ rows
-            mean, covariance = corrected(mean, covariance, rows, len(mean))
-            gathered, count, taught_ns = 0.0, 0, stamps[k]
+            mean, covariance = moved(mean, covariance, step_s, settings, variances)
+        by_pose, by_biases, read, errors = by_state(each, step_s)
+        white = 1 / np.sqrt(errors.diagonal())[:, None]
+        slopes = np.hstack([by_pose, np.zeros((len(read), 5)), by_biases])
+        whole, before = white * np.column_stack([slopes, read - slopes @ mean]), mean
+        rows = null_space(whole[:, :5].T).T @ whole
+        mean, covariance = corrected(mean, covariance, rows, len(mean))
         whole[:, -1] -= whole[:, :-1] @ (mean - before)
         rows = orth(whole[:, :5]).T @ whole
         mean, covariance = corrected(mean, covariance, rows, 10)
@@ -121,30 +121,19 @@ def corrected(mean, covariance, rows, told):
     return mean + gain @ innovation, left @ covariance @ left.T + gain @ gain.T
 
 
-def biases_of(detectors, settings=DRIFTING):
-    """Return variances and times of the biases: lasting and passing parts."""
-    prior = np.array([*STDS, *[GAIN_STD] * detectors])
-    lasting = prior * np.repeat([math.sqrt(0.99), 1.0], [2, detectors])
-    passing = prior * np.repeat([0.1, 0.5], [2, detectors])
-    times = np.repeat([settings.constants_hold_s, 60.0, 1.0], [2 + detectors, 2, detectors])
-    return np.square([*lasting, *passing]), times
-
-
-def moved(mean, covariance, step_s, settings, variances, times):
+def moved(mean, covariance, step_s, settings, variances):
     """Return mean and covariance after a step of the motion and of the biases' drift."""
-    kept, of_motion = np.exp(-step_s / times), motion(step_s, settings)
+    kept, of_motion = math.exp(-step_s / settings.constants_hold_s), motion(step_s, settings)
+    drift = kept * np.ones(len(variances)), (1 - kept**2) * variances
     transition, noise = (
-        block_diag(one, np.diag(other))
-        for one, other in zip(of_motion, (kept, (1 - kept**2) * variances), strict=True)
+        block_diag(one, np.diag(other)) for one, other in zip(of_motion, drift, strict=True)
     )
     return transition @ mean, transition @ covariance @ transition.T + noise
 
 
 def assert_is(track, mean, covariance):
     near = {"rtol": 1e-4, "atol": 1e-6}
-    size = (len(mean) - 10) // 2
-    parts = np.hstack([np.zeros((size, 10)), np.eye(size), np.eye(size)])
-    biases, spread = parts @ mean, parts @ covariance @ parts.T
+    biases, spread = mean[10:], covariance[10:, 10:]
     np.testing.assert_allclose([*track.pose, *track.rate], mean[:10], **near)
     np.testing.assert_allclose(track.joint_covariance, covariance[:10, :10], **near)
     assert list(track.constants) == list(NAMES)
@@ -152,7 +141,7 @@ def assert_is(track, mean, covariance):
     np.testing.assert_allclose(found[:, 0], biases[:2], **near)
     np.testing.assert_allclose(found[:, 1], np.sqrt(spread.diagonal()[:2]), **near)
     np.testing.assert_allclose(track.gains, biases[2:], **near)
-    turn = [*covariance[:5] @ parts[1], spread[1, 1]]  # of the roll with the pose
+    turn = [*covariance[:5, 11], spread[1, 1]]  # of the roll with the pose
     np.testing.assert_allclose(track.turn, turn, **near)
 
 
@@ -288,7 +277,7 @@ def test_bare_poses_pass_by_a_track_of_readings():
 
 def test_constants_that_drift_are_followed():
     count, detectors, rng = 400, 9, np.random.default_rng(4)
-    stds = np.array([*STDS, *[GAIN_STD] * detectors])
+    stds = prior_stds(detectors)
     truth = [stds * rng.standard_normal(2 + detectors)]
     stamps, _ = frames(4, detectors, count)
     for step_s in np.diff(stamps) * 1e-9:
@@ -327,13 +316,13 @@ def test_the_distance_is_that_of_the_pose_that_the_readings_show():
     track = tracker.update(stamps[-1], readings[-1].at[:5], 1e4 * NOISE, readings[-1])
     mean, covariance = textbook(stamps[:-1], readings[:-1], 9)
     step_s = (stamps[-1] - stamps[-2]) * 1e-9
-    mean, covariance = moved(mean, covariance, step_s, DRIFTING, *biases_of(9))
+    mean, covariance = moved(mean, covariance, step_s, DRIFTING, np.square(prior_stds(9)))
     by_pose, by_biases, read, errors = by_state(readings[-1])
     # By least squares, with the biases as they were expected.
     weight = np.linalg.inv(errors)
     information = by_pose.T @ weight @ by_pose
     fit = np.linalg.solve(information, by_pose.T @ weight)
-    by_all = np.hstack([by_pose, np.zeros((len(read), 5)), by_biases, by_biases])
+    by_all = np.hstack([by_pose, np.zeros((len(read), 5)), by_biases])
     off = fit @ (read - by_all @ mean)
     apart = fit @ (by_all @ covariance @ by_all.T + errors) @ fit.T
     assert track.distance**2 == pytest.approx(off @ np.linalg.solve(apart, off), rel=1e-3)
@@ -350,13 +339,11 @@ def test_what_is_learnt_outlives_the_track_and_fades_to_the_prior():
     for stamp, readings_then in ((last + 90 * 10**9, blind), (last + 160 * 10**9, None)):
         track = tracker.update(stamp, STATION, NOISE, readings_then)
         assert track.frames == 1
-        slow, fast = (math.exp(-(stamp - last) * 1e-9 / each) for each in (HOLD_S, 60.0))
-        for i, name in enumerate(NAMES):
-            of = [10 + i, 21 + i]
-            spread = np.outer([slow, fast], [slow, fast]) * covariance[np.ix_(of, of)]
-            spread += np.diag([0.99 * (1 - slow**2), 0.01 * (1 - fast**2)]) * STDS[i] ** 2
-            assert track.constants[name].mean == pytest.approx(mean[of] @ [slow, fast], rel=1e-6)
-            assert track.constants[name].std == pytest.approx(math.sqrt(spread.sum()), rel=1e-6)
+        kept = math.exp(-(stamp - last) * 1e-9 / HOLD_S)
+        for i, name in enumerate(NAMES, 10):
+            variance = kept**2 * covariance[i, i] + (1 - kept**2) * STDS[i - 10] ** 2
+            assert track.constants[name].mean == pytest.approx(kept * mean[i], rel=1e-6)
+            assert track.constants[name].std == pytest.approx(math.sqrt(variance), rel=1e-6)
     known = track.constants
     assert tracker.update(START_NS, STATION, NOISE).constants == known
 

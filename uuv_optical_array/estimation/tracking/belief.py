@@ -2,10 +2,7 @@
 
 The biases are
 
-- the errors of the scene's unknown constants and the gain errors of the detectors, which hold for
-  an hour;
-- an error of each reading, half as large as that of its gain, that holds for a second: errors of
-  beam, response and converter as seen from one place;
+- the errors of the scene's unknown constants and the gain errors of the detectors;
 - the error that ranges from elsewhere have in common.
 
 All are Ornstein-Uhlenbeck processes in standard deviations of their prior, to which they return
@@ -16,10 +13,8 @@ space of A. Mourikis and S. Roumeliotis, *IEEE ICRA* 2007), and then correct the
 uncertain biases (S. F. Schmidt, *Advances in Control Systems* 3, 1966). What depends on both would
 teach errors of the motion's model and of linearisation, which are the same in each frame.
 
-Biases are corrected once in `PLACE_S`, by the mean of the frames since then. The noise of a frame
-is also in the pose at which the next ones are linearised, and this correlation would add up to a
-wrong range at a place where nothing can be learnt (G. Huang, A. Mourikis and S. Roumeliotis, *Int.
-J. Robotics Research* 29, 2010, on the overconfidence by linearising).
+Errors of readings that depend on the place, such as those of beam, response and converter, are no
+biases: they count as noise of each frame, so large that those of a second are no better than one.
 """
 
 import math
@@ -49,8 +44,6 @@ class Belief(NamedTuple):
     - mean, covariance: shapes ``(10 + k,)`` and ``(10 + k, 10 + k)``.
     - range, ranged_ns: what was made of the last range; stamp of the last one that was used, ns.
     - unlike: how many frames in a row, up to the last with readings, the biases did not explain.
-    - taught_ns: when the biases were taught last, ns.
-    - rows, frames: sum of the readings of so many frames since, as of `BiasSpace.whitened`.
     """
 
     mean: Array
@@ -58,9 +51,6 @@ class Belief(NamedTuple):
     range: RangeUse | None = None
     ranged_ns: int = LONG_AGO_NS
     unlike: int = 0
-    taught_ns: int = LONG_AGO_NS
-    rows: Array | float = 0.0
-    frames: int = 0
 
 
 class BiasSpace:
@@ -68,9 +58,8 @@ class BiasSpace:
 
     - constants, gains: places of the errors among those that are learnt, `count` in all.
     - stds: what one is of each, in its own unit, shape ``(count,)``.
-    - range: place of the bias of ranges among all, `size` in all.
-    - parts: the errors by the biases, shape ``(count, size)``.
-    - by_state: pose and errors by pose, rate and biases, shape ``(5 + count, 10 + size)``.
+    - range: place of the bias of ranges, the last of `size` in all.
+    - by_state: pose and what is learnt by pose, rate and biases, shape ``(5 + count, 10 + size)``.
     - blocks: gain errors of detectors by those that are learnt, shape ``(detectors, blocks)``.
     """
 
@@ -81,17 +70,14 @@ class BiasSpace:
         self.constants, self.gains = slice(0, q), slice(q, q + gains)
         self.count = n = q + gains
         self.stds = np.array([*c.stds, *gain_stds])
-        self.range = n + gains
-        self.size = self.range + 1
-        by_place = PLACE_SHARE * np.eye(n, gains, -q)
-        self.parts = np.hstack([np.eye(n), by_place, np.zeros((n, 1))])
-        self.by_state = block_diag(np.eye(5, STATE), self.parts)
-        self.by_offsets = self.stds[:q, None] * self.parts[:q]
+        self.range, self.size = n, n + 1
+        self.by_state = block_diag(np.eye(5, STATE), np.eye(n, self.size))
+        self.by_offsets = self.stds[:q, None] * np.eye(q, self.size)
         self._units = np.array([*[1.0] * 5, *c.stds])
         by_block = np.tile(self.blocks * gain_stds, (c.lamps, 1))
         self._by_gains = by_block if gains else np.zeros((1, 0))
         self._shade_rest = c.shade_rest
-        self._hold_s = np.repeat([hold_s, PLACE_S, hold_s], [n, gains, 1])
+        self._hold_s, self._place_std = hold_s, PLACE_SHARE * c.gain_std
 
     def begun(self, mean: Array, covariance: Array) -> Belief:
         """Return a belief of this pose and rate and of biases as the prior has them."""
@@ -113,13 +99,12 @@ class BiasSpace:
         of = STATE + np.r_[self.constants, self.range]
         mean[of] = covariance[of] = covariance[:, of] = 0.0
         covariance[of, of] = 1.0
-        return belief._replace(mean=mean, covariance=covariance, rows=0.0, frames=0)
+        return belief._replace(mean=mean, covariance=covariance)
 
     def learnt(self, belief: Belief) -> tuple[Array, Array]:
         """Return means and standard deviations of constants and gains, in their own units."""
-        rows = self.parts @ belief.covariance[STATE:, STATE:]
-        variances = np.einsum("ij,ij->i", rows, self.parts)
-        return self.stds * (self.parts @ belief.mean[STATE:]), self.stds * np.sqrt(variances)
+        stds = np.sqrt(belief.covariance.diagonal()[STATE:-1])
+        return self.stds * belief.mean[STATE:-1], self.stds * stds
 
     def offsets(self, belief: Belief) -> Array:
         """Return the constants' offsets in their own units, shape ``(q,)``.
@@ -129,7 +114,11 @@ class BiasSpace:
         return self.by_offsets @ belief.mean[STATE:]
 
     def whitened(
-        self, readings: LinearisedReadings, slopes: Array, modes: Array | None = None
+        self,
+        readings: LinearisedReadings,
+        slopes: Array,
+        modes: Array | None = None,
+        alike: float = 0.0,
     ) -> Array:
         """Return slopes and residuals in units of their noise, of one frame or of many.
 
@@ -137,10 +126,12 @@ class BiasSpace:
 
         - slopes: by pose and constants, in any coordinates, shape ``(..., n, 5 + q)``.
         - modes: root of the covariance of more noise, counts, shape ``(..., n, k)``.
+        - alike: how many frames share the errors of their place; 0: there are none.
         - returned: slopes by the pose and by what is learnt, residuals last, shape
           ``(..., n, 5 + count + 1)``.
         """
-        white = 1 / np.sqrt(readings.variances)  # a reading of infinite variance says nothing
+        of_place = alike * np.square(self._place_std * readings.light)
+        white = 1 / np.sqrt(readings.variances + of_place)  # of infinite variance: says nothing
         whole, own = np.empty((*white.shape, 5 + self.count + 1)), len(self._units)
         light = (white * readings.light)[..., None]
         whole[..., :own] = white[..., None] * (slopes * self._units)

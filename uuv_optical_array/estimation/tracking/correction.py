@@ -14,6 +14,9 @@ changes nothing.
 
 A pose without readings is an observation of the pose itself. Its errors are noise, but for a share
 that all frames have in common, which stays out of the belief; poses in uneven light weigh less.
+
+Errors of readings that depend on the place and of poses in uneven light are alike from frame to
+frame: their variance is that of one in `PLACE_S`, however many frames come in that time.
 """
 
 import math
@@ -48,9 +51,9 @@ from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordin
 # Where constants are not known, what makes poses without readings broad is mostly the constants and
 # the shape of their posterior, not noise, and that is the same in all frames.
 BROAD_SHARE = 0.75
-# Errors of poses in uneven light are correlated: these count as one in this time, s. Where the
-# scene does not name what shades them, their variance is multiplied by this factor.
-UNEVEN_S, UNNAMED_DOUBT = 0.7, 7.0
+# Where the scene does not name what makes light uneven, the variance of its poses is multiplied by
+# this factor.
+UNNAMED_DOUBT = 7.0
 # Significance level of what readings say of the biases. Light that is not linear and differences
 # within a block of detectors make distances a tenth longer than those of the level 1e-4.
 UNLIKE = 1e-9
@@ -123,12 +126,13 @@ class Correction:
 
         - step_s: time since the frame before, s.
         """
+        alike = max(1.0, PLACE_S / step_s)
         if readings is None:
-            observation = self._of_pose(belief, frame, step_s)
+            observation = self._of_pose(belief, frame, alike)
             corrected = Deferred(lambda: correct(belief, observation))
             distance, _ = weigh(belief.covariance, observation)
             return Corrected(corrected, distance, lambda: cost(belief.covariance, observation))
-        result = self._by_readings(belief, frame, readings)
+        result = self._by_readings(belief, frame, readings, alike)
         distance = max(result.distance, pose_distance(belief, frame))
         return result._replace(distance=distance)
 
@@ -155,24 +159,24 @@ class Correction:
         if frame.readings is not None:
             mean[POSE] = frame.readings.at[:5]
             begun = belief._replace(mean=mean)
-            return self._by_readings(begun, frame, frame.readings, begins=True).belief()
-        root = self._white_root(frame, math.inf)
+            return self._by_readings(begun, frame, frame.readings, 1.0, begins=True).belief()
+        root = self._white_root(frame, 1.0)
         mean[POSE], covariance[POSE, POSE] = frame.pose, root @ root.T
         return belief._replace(mean=mean, covariance=covariance)
 
-    def _of_pose(self, belief: Belief, frame: Measurement, step_s: float) -> Observation:
+    def _of_pose(self, belief: Belief, frame: Measurement, alike: float) -> Observation:
         """Return what a frame's pose says."""
-        root = self._white_root(frame, step_s)
+        root = self._white_root(frame, alike)
         off, slopes = wrapped(frame.pose - belief.mean[POSE]), np.eye(5, len(belief.mean))
         white = solve_triangular(root, np.column_stack([off, slopes]), lower=True)
         return Observation(white[:, 0], white[:, 1:])
 
-    def _white_root(self, frame: Measurement, step_s: float) -> Array:
+    def _white_root(self, frame: Measurement, alike: float) -> Array:
         """Return the lower root of the covariance of the new errors of a frame's pose."""
         variance = 1 - self.common_share(frame)
         if frame.uneven:
             doubt = 1.0 if self._constants.names_shades else UNNAMED_DOUBT
-            variance *= doubt * max(1.0, UNEVEN_S / step_s)
+            variance *= doubt * alike
         return math.sqrt(variance) * frame.root
 
     def _by_readings(
@@ -180,6 +184,7 @@ class Correction:
         belief: Belief,
         frame: Measurement,
         readings: LinearisedReadings,
+        alike: float,
         begins: bool = False,
     ) -> Corrected:
         """Weigh a frame by its readings; the belief that they correct is left for later.
@@ -190,7 +195,7 @@ class Correction:
         before = self._straight(belief)
         expected = np.concatenate([before.mean[POSE], self._space.offsets(belief)])
         bend = self._bend(before, expected, frame) if frame.bent else None
-        rows = self._rows(before, expected, bend, readings)
+        rows = self._rows(before, expected, bend, readings, alike)
         # Only this part of the readings depends on the pose, and the gate needs no more.
         of_pose = self._observation(orthonormal(rows[:, :5]).T @ rows)
         distance, shift = weigh(before.covariance, of_pose)
@@ -205,27 +210,19 @@ class Correction:
                 further = expected.copy()
                 further[POSE] += RELINEARISE_AT * shift[POSE]
                 near = frame.near(self._coordinates.place(further)[0], self._constants)
-                used = rows if near is None else self._rows(before, expected, bend, near)
+                used = rows if near is None else self._rows(before, expected, bend, near, alike)
             # Turned so that each number depends on one error fewer than the one before it.
-            turned = self._observation(triangular_factor(used))
-            if not (begins or self._explained(before, turned)):
+            innovation, slopes = self._observation(triangular_factor(used))
+            others = slice(5, 5 + self._space.count)
+            of_biases = Observation(innovation[others], slopes[others])
+            if not (begins or self._explained(before, of_biases)):
                 return belief._replace(unlike=belief.unlike + 1)
-            taught = self._taught(before, used, frame.stamp_ns)
-            left = turned.innovation - turned.slopes @ (taught.mean - before.mean)
-            of_pose = Observation(left[:5], turned.slopes[:5])
+            taught = correct(before, of_biases)
+            left = innovation[:5] - slopes[:5] @ (taught.mean - before.mean)
+            of_pose = Observation(left, slopes[:5])
             return self._curved(correct(taught, of_pose, teach=False))._replace(unlike=0)
 
         return Corrected(Deferred(finished), distance, cost_of_all)
-
-    def _taught(self, belief: Belief, rows: Array, stamp_ns: int) -> Belief:
-        """Return a belief whose biases are taught, where that is due, by frames up to this one."""
-        rows, frames = belief.rows + rows, belief.frames + 1
-        if stamp_ns - belief.taught_ns < PLACE_S * 1e9:
-            return belief._replace(rows=rows, frames=frames)
-        innovation, slopes = self._observation(triangular_factor(rows / math.sqrt(frames)))
-        # Of these the first five alone depend on the pose.
-        taught = correct(belief, Observation(innovation[5:], slopes[5:]))
-        return taught._replace(taught_ns=stamp_ns, rows=0.0, frames=0)
 
     def _bend(self, straight: Belief, expected: Array, frame: Measurement) -> SecondOrder | None:
         """Return how the light of a frame bends over a belief; None where that is not finite."""
@@ -246,6 +243,7 @@ class Correction:
         expected: Array,
         bend: SecondOrder | None,
         readings: LinearisedReadings,
+        alike: float,
     ) -> Array:
         """Return slopes and innovations of readings, as `BiasSpace.whitened` has the residuals.
 
@@ -258,9 +256,9 @@ class Correction:
             modes = bend.modes
         at = self._coordinates.of(readings.at)
         slopes = readings.slopes @ self._coordinates.place(at)[1]
-        whole = space.whitened(readings, slopes, modes)
+        whole = space.whitened(readings, slopes, modes, alike)
         off = self._coordinates.difference(expected, at)
-        errors = space.parts @ straight.mean[STATE:]
+        errors = straight.mean[STATE:-1].copy()
         errors[of] = off[5:] / space.stds[of]
         whole[:, -1] -= whole[:, :-1] @ np.concatenate([off[:5], errors])
         return whole
@@ -269,10 +267,8 @@ class Correction:
         """Return what readings say, by combinations of their `_rows`."""
         return Observation(turned[:, -1], turned[:, :-1] @ self._space.by_state)
 
-    def _explained(self, belief: Belief, turned: Observation) -> bool:
+    def _explained(self, belief: Belief, of_biases: Observation) -> bool:
         """Say whether readings agree with the biases, whatever the pose."""
-        others = slice(5, 5 + self._space.count)
-        of_biases = Observation(turned.innovation[others], turned.slopes[others])
         count = len(of_biases.innovation)
         if not count:
             return True

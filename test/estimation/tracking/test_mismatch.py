@@ -71,6 +71,26 @@ def test_what_lasts_is_named_with_its_size(beyond, what, size):
     assert texts[10] == ""  # not of a second alone
 
 
+@pytest.mark.parametrize("bent", [False, True])
+def test_images_that_bend_over_what_each_leaves_of_the_pose_are_not_tested(bent):
+    rng, tracker = np.random.default_rng(3), Tracker(TrackerSettings(), CONSTANTS)
+    at = np.array([-5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for k in range(50):
+        light = rng.uniform(100, 900, SIDE**2)
+        slopes = light[:, None] * np.hstack([rng.standard_normal((SIDE**2, 5)), np.zeros((25, 2))])
+        residuals = 0.6 * one_detector(light, 0.0) + rng.standard_normal(SIDE**2)
+        frame = LinearisedReadings(at, residuals, slopes, light, np.ones(SIDE**2))
+        readings = None if bent and k else frame
+
+        def near(place, of=frame):
+            return of._replace(at=place, residuals=of.residuals + of.slopes @ (of.at - place))
+
+        track = tracker.update(10**18 + k * 10**8, at[:5], 1e-4 * np.eye(5), readings, near)
+    assert track.frames == 50
+    what, _, _ = track.mismatch.partition(" is off by ")
+    assert what == ("" if bent else "the detector of row 1, column 3")
+
+
 def test_a_scene_that_names_shades_is_not_tested():
     cloudy = replace(CONSTANTS, unclear_lasts_s=5.0, names_shades=True)
     for constants, tested in ((CONSTANTS, True), (cloudy, False)):

@@ -335,6 +335,9 @@ def test_a_search_is_begun_by_a_service_and_refused_where_there_is_nothing_to_se
     helm.told("searching")
     dark(4.0)
     helm.told("lost")
+    for _ in range(25):
+        helm.tick()
+    assert search() == (False, "no image comes, so that a search would be blind")
     lab.call(SetBool, "formation_node/engage", data=False)
     success, words = search()
     assert not success

@@ -316,7 +316,7 @@ class Following:
         self._advance(dark, now_s)
         # Where poses of the light are not the leader's, neither is the light.
         refused = abs(now_s - self._refused_s) <= self._settings.light_timeout_s
-        glow = self._glow if self._images_come(now_s) and not refused else None
+        glow = self._glow if self.images_come(now_s) and not refused else None
         dark.look(glow, self.state.name == "coasting")
         if self.state.name == "coasting":
             dark.hear(self._law.leader.told(now_s))
@@ -331,7 +331,7 @@ class Following:
     def _begin_search(self, now_s: float) -> None:
         """Search from the start, where images come that show no light."""
         start_s = self._search.search_start_s
-        if start_s == 0 or not self._images_come(now_s) or self._law.seen(now_s) is not None:
+        if start_s == 0 or not self.images_come(now_s) or self._law.seen(now_s) is not None:
             return
         if now_s - self._began_s > start_s:
             self._go_dark(now_s, None)
@@ -343,7 +343,8 @@ class Following:
         seen = other is not None and other.motion.unseen_s < IMAGES_S
         return "; the lamp in sight is where the leader could not get, and not followed" * seen
 
-    def _images_come(self, now_s: float) -> bool:
+    def images_come(self, now_s: float) -> bool:
+        """Return whether an image came of late, without which a search is blind."""
         return abs(now_s - self._image_s) <= IMAGES_S
 
     def _goes_on(self, now_s: float, dark: Darkness) -> bool:
@@ -361,7 +362,7 @@ class Following:
         why = ""
         if dark.age_s - dark.search_from_s > s.search_time_s:
             why = f"no light for {s.search_time_s:g} s"
-        elif not self._images_come(now_s):
+        elif not self.images_come(now_s):
             why = "no image comes, so that a search would be blind"
         if why:
             self._to("lost", now_s, f"{why}; it is told to {s.when_lost}{self._beside()}")

@@ -120,15 +120,18 @@ class FormationNode(Node):
         return response
 
     def on_search(self, request: Any, response: Any) -> Any:
-        """Search for the leader now, unless it is seen or the follower is left to others."""
+        """Search for the leader now, unless it is seen, images are missing or others steer."""
         name = self.following.state.name
-        response.success = name not in ("disengaged", "locked")
+        response.success = False
         if name == "disengaged":
             response.message = "it is not engaged: call ~/engage with true first"
         elif name == "locked":
             response.message = "it is locked: the leader's light steers"
+        elif not self.following.images_come(self.time.now_s()):
+            response.message = "no image comes, so that a search would be blind"
         else:
             self.following.search(self.time.now_s())
+            response.success = True
             self.tell_state()
             response.message = f"it searches for {self.parameters['search_time_s']:g} s at most"
         return response

@@ -116,7 +116,10 @@ WARNINGS = {
     "searching": (
         "Wait, or bring the leader's lamp into view. `~/engage` with false stops the follower."
     ),
-    "lost": "Bring the lamp into view, so that it is followed again, or call `~/search`.",
+    "lost": (
+        "Bring the lamp into view, so that it is followed again, or call `~/search`; both need "
+        "images."
+    ),
     "slow station": (
         "Move `station_m` away, or lower `min_distance_m`, `light_timeout_s` or `stop_time_s`."
     ),

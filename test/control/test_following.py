@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from pursuit import LIT_S, OPEN, SHORT, TICK_S, TIMEOUT_S, Pursuit, dark
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.darkness import SearchSettings
+from uuv_optical_array.control.darkness import POSED_S, Darkness, SearchSettings, Seen
 from uuv_optical_array.control.following import IMAGES_S, MEASURED_S, SURFACE_M_PER_S
 from uuv_optical_array.control.formation import RANGE_STDS
 from uuv_optical_array.control.formation_settings import FormationSettings
+from uuv_optical_array.control.leader.motion import Glow, LeaderMotion
 
 
 def test_the_states_come_in_order_each_at_its_time():
@@ -117,6 +118,41 @@ def test_a_follower_that_is_left_to_others_commands_nothing_until_it_is_engaged(
     assert pursuit.state == "waiting"
     pursuit.until("locked")
     assert pursuit.following.state.since_s == pytest.approx(engaged_s + SHORT.settle_s, abs=1e-9)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_search_goes_to_light_without_a_pose_which_changes_nothing_before(side):
+    (pursuit, _), (twin, _) = dark(), dark()
+    glow = Glow(float(side), 0.0, 0.01)
+    while twin.state != "searching":
+        pursuit.following.glimmered(pursuit.now, glow)
+        pursuit.step()
+        twin.step()
+        np.testing.assert_array_equal(pursuit.own, twin.own)
+    begun = pursuit.own
+    for _ in range(50):
+        pursuit.following.glimmered(pursuit.now, glow)
+        pursuit.step()
+    assert side * (pursuit.own - begun)[1] > 0.5
+    assert side * pursuit.attitude[1] > 0.02
+
+
+def test_a_glimpsed_pose_says_more_than_the_brightest_place_for_a_while():
+    pose = np.array([-4.5, 0.0, 0.0, 0.0, 0.0])
+    motion = LeaderMotion(0.0, pose, 1e-4 * np.eye(5))
+    search = Darkness(OPEN, SearchSettings(), 0.0, Seen(motion, motion, np.eye(5), 0.1, None))
+    search.begin_search(0.0)
+
+    def goal(now_s):
+        search.advance(now_s, np.zeros(5))
+        return search.search(now_s).error[:3]
+
+    search.glimpse(np.array([-9.0, 3.0, 0.0, 0.0, 0.0]), 1e-4 * np.eye(5))
+    for now_s, followed in ((0.0, False), (0.9 * POSED_S, False), (1.1 * POSED_S, True)):
+        before = goal(now_s)
+        search.face(Glow(1.0, 0.0, 1.0))
+        changed = goal(now_s)
+        assert (np.linalg.norm(changed - before) > 0.5) == followed
 
 
 def test_a_search_ends_where_no_images_come():

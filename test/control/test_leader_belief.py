@@ -18,7 +18,7 @@ from uuv_optical_array.control.leader.belief import (
     TURNING_S,
     LeaderBelief,
 )
-from uuv_optical_array.control.leader.motion import TURN_S, LeaderMotion, seen_at
+from uuv_optical_array.control.leader.motion import TURN_S, Glow, LeaderMotion, seen_at
 from uuv_optical_array.control.leader.sight import SightSettings
 
 SIGHT = SightSettings(sight_m=15.0, sight_deg=20.0)
@@ -229,6 +229,44 @@ def test_dim_light_is_of_a_lamp_at_its_beams_edge(dim):
     light = 0.0 if dim else float(SIGHT.on_axis(HALF))
     belief.glimpse(ASTERN, pose_of(ASTERN, at(0, yaw=EDGE / 2)), 1e4 * np.eye(5), light)
     assert belief.headings[-1, 1] == pytest.approx(EDGE * dim, abs=0.01)
+
+
+@pytest.mark.parametrize(("to_port", "up"), [(1.0, 0.0), (-0.8, 0.0), (0.0, 0.9), (0.2, -1.0)])
+@pytest.mark.parametrize("attitude", [(0.0, 0.0), (-0.2, 2.0)])
+def test_light_without_a_pose_is_of_the_lamp_that_lights_that_side(to_port, up, attitude):
+    """Of lamps that are ahead, on both sides, and behind."""
+    own = np.array([1.0, -2.0, 0.5, *attitude])
+    body = Rotation.from_euler("ZY", attitude[::-1])
+    ways = [(-0.3 * up, 0.3 * to_port), (0.3 * up, -0.3 * to_port), (0.0, 0.0), (0.0, math.pi)]
+    rays = [Rotation.from_euler("ZY", way[::-1]).apply([8.0, 0.0, 0.0]) for way in ways]
+    level = np.tile([0.0, attitude[1]], (4, 1))
+    lamps = np.concatenate([own[:3] + body.apply(rays), level], axis=1)
+    prior = np.array([0.1, 0.3, 0.2, 0.4])
+    belief = of(prior, lamps)
+    assert belief.face(own, Glow(to_port, up, 1.0), None).hypothesis == 4
+    of_prior = belief.weights[:4] / prior
+    assert (of_prior[1:] < 0.6 * of_prior[0]).all()
+    belief = of([1.0], lamps[:1])
+    belief.face(own, Glow(to_port, up, 1.0), None)
+    np.testing.assert_allclose(belief.places[-1], lamps[0, :3], atol=1e-9)
+    np.testing.assert_allclose(belief.headings[-1], lamps[0, 3:], atol=1e-9)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_light_grows_towards_the_axis_of_a_lamp_that_is_ahead(side):
+    """A lamp whose bow points to port has its beam's axis to starboard of who looks at it."""
+    belief = of([0.4, 0.3, 0.3], [at(0), at(0, yaw=side * EDGE), at(0, yaw=-side * EDGE)])
+    belief.face(ASTERN, Glow(-side * 1.0, 0.0, 1.0), None)
+    assert (belief.weights[:3] / [0.4, 0.3, 0.3]).argmax() == 1
+
+
+def test_what_light_without_a_pose_leaves_open_is_as_bright_as_the_hypotheses_have_it():
+    lamps = [at(0), at(0.5 * HALF)]
+    for k, light in enumerate(SIGHT.light(ASTERN[:3], np.array(lamps)[:, :3], np.zeros((2, 2)))):
+        belief = of([0.5, 0.5], lamps)
+        belief.face(ASTERN, Glow(0.0, 0.0, 1.0), float(light))
+        assert belief.weights[:2].argmax() == k
+        assert np.linalg.norm(belief.places[-1] - lamps[k][:3]) < 0.5
 
 
 def test_a_leader_that_pauses_goes_on_beside_its_old_way():

@@ -17,8 +17,10 @@ from uuv_optical_array.control.vehicles.vehicle import Vehicle
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.estimation.pipeline import Answer, Pipeline
+from uuv_optical_array.estimation.signature.faint_light import FaintLight
 from uuv_optical_array.estimation.tracking.track import RATE
 from uuv_optical_array.forward.drawn_sea import DrawnSea
+from uuv_optical_array.forward.lamp.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.others import Other, sight
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
@@ -84,6 +86,7 @@ class Swimmer:
         self.sounder, self.modem = sounder, modem
         self.command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
         self.roll = 0.0  # of the last IMU message
+        self.faint = FaintLight(pipeline.estimator.scene.array.detectors_per_side)
 
 
 class Instant(NamedTuple):
@@ -173,6 +176,9 @@ class ClosedLoop:
         answer = swimmer.pipeline.answer(stamp_ns, image, swimmer.roll)
         lit = swimmer.pipeline.lit(image)
         swimmer.following.looked(self.t_s, glow(image) if lit else None)
+        faint = None if lit else swimmer.faint.look(self.t_s, together(image))
+        if faint is not None:
+            swimmer.following.glimmered(self.t_s, glow(faint))
         track = answer.track
         if track is not None:
             try:

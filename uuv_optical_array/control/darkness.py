@@ -30,8 +30,7 @@ LostAction = Literal["hold", "surface", "disengage"]
 MOST_S, ARRIVED_S, ARRIVED_M = 25.0, 2.0, 1.0
 GLIMPSE_S = 8.0  # time for which a glimpse guides the search if no other follows
 PASSING_M = 0.5  # beyond the minimum distance, at which a lamp that may have stopped is passed
-# Turn to light at the array's edge, in yaw and pitch, rad; time since its last pose, s.
-TURN_RAD, PITCH_RAD, TURNING_S = 0.8, 0.2, 1.0
+POSED_S = 1.0  # time for which a glimpsed pose says more than where the light is brightest
 SURE_M = 1.0  # standard deviation of where the leader is, m, beyond which a pose has to settle
 OTHER_M = 1.0  # from where the leader is expected, where a lamp may be another one
 DOUBT = "it may be another lamp"
@@ -143,7 +142,7 @@ class Darkness:
         self._settings, self._search, self._lit = settings, search, seen and seen.lit
         self._station = np.array([*settings.station_m, 0.0, 0.0])
         self._now_s, self._planned_s, self._goal = now_s, -math.inf, Goal(-1, 0.0)
-        self._glimpsed_s = math.inf  # never
+        self._glimpsed_s = self._posed_s = math.inf  # never
         self._glow: Glow | None = None  # of the newest image
         self.search_from_s = 0.0
         self._belief = LeaderBelief.at_start(search)
@@ -263,12 +262,22 @@ class Darkness:
 
     def glimpse(self, pose: Array, covariance: Array) -> None:
         """Let a pose that does not steer yet guide the search."""
-        light = None
-        if self._glow is not None and self._lit is not None:
-            range_m, peak = self._lit
-            light = float(self._search.on_axis(range_m)) + math.log(self._glow.peak / peak)
-        self._goal = self._belief.glimpse(self.own, pose, covariance, light)
+        self._goal = self._belief.glimpse(self.own, pose, covariance, self._light(self._glow))
+        self._glimpsed_s = self._posed_s = self._planned_s = self._now_s
+
+    def face(self, glow: Glow) -> None:
+        """Let light that gives no pose guide the search."""
+        if abs(self._now_s - self._posed_s) <= POSED_S:
+            return
+        self._goal = self._belief.face(self.own, glow, self._light(glow))
         self._glimpsed_s = self._planned_s = self._now_s
+
+    def _light(self, glow: Glow | None) -> float | None:
+        """Return how bright a light is, as of `SightSettings.on_axis`; ``None``: unknown."""
+        if glow is None or self._lit is None:
+            return None
+        range_m, peak = self._lit
+        return float(self._search.on_axis(range_m)) + math.log(max(glow.peak, 1e-9) / peak)
 
     def found(self, pose: Array, others: bool) -> str:
         """Say after how long a pose came, and how far its lamp is from where it was expected.
@@ -293,15 +302,7 @@ class Darkness:
         return Aim(wrapped(self._station - rel), moving, to_body, lamps, self._depths())
 
     def search(self, now_s: float) -> Aim:
-        """Return the same, towards the place from which the leader is seen most likely.
-
-        It turns towards light that gives no pose.
-        """
-        glow = self._glow
-        if glow is not None and abs(now_s - self._glimpsed_s) > TURNING_S:
-            left = self._turn_to(self._turned + TURN_RAD * glow.to_port)
-            error = np.array([0.0, 0.0, 0.0, -PITCH_RAD * glow.up, left])
-            return Aim(error, np.zeros(5), self._to_body, self._last_seen(), self._depths())
+        """Return the same, towards the place from which the leader is seen most likely."""
         goal = self._place(now_s)
         k, s = self._goal.hypothesis, self._search
         moving: Array = np.zeros(3)

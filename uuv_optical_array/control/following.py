@@ -127,13 +127,22 @@ class Following:
         """Note that an image was taken, s, and where it is brightest; ``None``: it shows no light.
 
         A search goes on only while images come, because it is blind without them. Without a pose to
-        steer by, light corrects where the leader is expected, and says where to turn in a search.
+        steer by, light corrects where the leader is expected, and guides a search.
         """
         self._image_s, self._glow = stamp_s, glow
         self._watch_lamps(stamp_s, glow)
         self._settling.look(stamp_s)
         if math.isnan(self._began_s):
             self._began_s = stamp_s
+        if glow is not None:
+            self.glimmered(stamp_s, glow)
+
+    def glimmered(self, stamp_s: float, glow: Glow) -> None:
+        """Let light without a pose, at a stamp, s, guide a search, also what only a mean shows."""
+        refused = abs(stamp_s - self._refused_s) <= self._settings.light_timeout_s
+        if self._dark is not None and self.state.name == "searching" and not refused:
+            self._advance(self._dark, stamp_s)
+            self._dark.face(glow)
 
     def _watch_lamps(self, stamp_s: float, glow: Glow | None) -> None:
         """Say where a lamp seems to have gone out; go on beside another where one was lit."""

@@ -14,16 +14,27 @@ how likely they are:
 So a search goes from the likely places to the others, wider as they spread, and comes back. A
 glimpse of light, whose pose is not to be trusted yet, adds a hypothesis and weighs the others: by
 the pose, and by how bright each would be. In dim light a pose knows little more than on which side
-the lamp is, and its brightness says that it is at the edge of the beam.
+the lamp is, and its brightness says that it is at the edge of the beam. Light without a pose does
+so by where on the array it is brightest.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from uuv_optical_array.control.leader.motion import TURN_S, LeaderMotion, seen_at, slopes
-from uuv_optical_array.control.leader.sight import SightSettings
+from uuv_optical_array.control.leader.motion import (
+    EDGE_RAD,
+    EDGE_STD,
+    MIDDLE_STD,
+    TURN_S,
+    Glow,
+    LeaderMotion,
+    seen_at,
+    slopes,
+)
+from uuv_optical_array.control.leader.sight import NEAREST_M, SightSettings
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 
 # Turn rates that a leader may change to, deg/s, and their prior, of yaw and of pitch.
@@ -50,6 +61,8 @@ ARRAY_DEG = 70.0  # off the bow, to where detectors see
 # deviation of a glimpse's place, m, beyond which it is vague.
 BESIDE, VAGUE_M = np.diag([0.25, 0.25, 0.25, 0.01, 0.01]), 1.0
 ARRIVAL_S = 20.0  # a place that is reached this much later is worth 1 / e
+# Standard deviations of range and heading that the place of the brightest detector leaves open.
+ANY_M, ANY_RAD = 20.0, 3.0
 # How many likely leaders are considered, from how far behind, in stations, and for how long; the
 # factor by which another place must be better than staying.
 LIKELY, TRAIL, LOOKS_S, STAYS = 24, 2.0, 8.0, 1.1
@@ -149,13 +162,17 @@ class LeaderBelief:
     def advance(self, step_s: float, own: Array) -> None:
         """Let time pass, s, in which the follower, at `own`, ``(5,)``, saw no light."""
         seen = self._settings.sees(own[:3], self.places, self.headings)
-        to_lamp = self.places - own[:3]
-        bow = rotation_matrix(own[PITCH], own[YAW])[:, 0]
-        facing = to_lamp @ bow > math.cos(math.radians(ARRAY_DEG)) * np.linalg.norm(to_lamp, axis=1)
         lit = 1 - math.exp(-self.age_s / DARK_S)
-        self.weights[seen & facing] *= math.exp(-step_s * lit / LOOK_S)
+        self.weights[seen & self._ahead(own)] *= math.exp(-step_s * lit / LOOK_S)
         self.weights += (self._prior - self.weights) * (1 - math.exp(-step_s / AGAIN_S))
         self.pass_time(step_s)
+
+    def _ahead(self, own: Array) -> NDArray[np.bool_]:
+        """Say on which lamps the array of a follower at `own` looks, ``(n,)``."""
+        to_lamps = self.places - own[:3]
+        bow = rotation_matrix(own[PITCH], own[YAW])[:, 0]
+        least = math.cos(math.radians(ARRAY_DEG)) * np.linalg.norm(to_lamps, axis=1)
+        return np.asarray(to_lamps @ bow > least)
 
     def accompany(self, place: Array, heading: Array, speed: Array, turn: Array) -> Goal:
         """Take where a leader in company would be, and how it moves; return the place behind it.
@@ -203,16 +220,58 @@ class LeaderBelief:
         place, heading = seen_at(own, pose)
         sees = slopes(pose, heading)
         spread = sees @ covariance @ sees.T
+        off = self._off(place, heading)
+        distance = np.einsum("ni,ij,nj->n", off, np.linalg.inv(4 * spread + BESIDE), off)
+        return self._take(place, heading, spread, distance + self._darker(own, light))
+
+    def face(self, own: Array, glow: Glow, light: float | None) -> Goal:
+        """Do the same by where the array is lit brightest.
+
+        That is towards the lamp, and towards the axis of its beam, where this is brighter.
+        """
+        to_lamps = self.places - own[:3]
+        ranges = np.maximum(np.linalg.norm(to_lamps, axis=1), NEAREST_M)
+        bows = rotation_matrix(*self.headings.T)[:, :, 0]
+        to_axes = to_lamps - np.einsum("ni,ni->n", bows, to_lamps)[:, None] * bows
+        body = rotation_matrix(own[PITCH], own[YAW])
+        ways = ((to_lamps + to_axes) / (2 * ranges[:, None])) @ body[:, 1:]
+        shown = np.array([glow.to_port, glow.up])
+        off = (np.clip(ways / EDGE_RAD, -1.0, 1.0) - shown) * EDGE_RAD / MIDDLE_STD
+        distance = np.square(off).sum(axis=1) + self._darker(own, light)
+        distance += MOST_STDS**2 * ~self._ahead(own)
+        fits = self._fits(distance)
+        range_m, heading = float(fits @ ranges[:-1]), fits @ self.headings[:-1]
+        line = body @ rotation_matrix(-EDGE_RAD * glow.up, EDGE_RAD * glow.to_port)
+        across = range_m * (MIDDLE_STD + np.abs(shown) * (EDGE_STD - MIDDLE_STD))
+        spread = np.diag(np.repeat([0.0, ANY_RAD**2], [3, 2]))
+        spread[:3, :3] = line @ np.diag(np.square([ANY_M, *across])) @ line.T
+        return self._take(own[:3] + range_m * line[:, 0], heading, spread, distance)
+
+    def _off(self, place: Array, heading: Array) -> Array:
+        """Return how far each hypothesis is from a place and heading, ``(n, 5)``."""
         off = np.concatenate([self.places - place, self.headings - heading], axis=1)
         off[:, YAW] = np.remainder(off[:, YAW] + math.pi, 2 * math.pi) - math.pi
-        distance = np.einsum("ni,ij,nj->n", off, np.linalg.inv(4 * spread + BESIDE), off)
-        if light is not None:
-            brighter = np.abs(self._settings.light(own[:3], self.places, self.headings) - light)
-            distance += np.minimum(brighter / LIGHT_STD, MOST_STDS) ** 2
-        likelihood = np.exp(-distance / 2)
-        self.weights = self._prior * np.maximum(likelihood, LEAST)
-        fits = (self._prior * np.maximum(likelihood, LEAST**2))[:-1]
-        fits /= fits.sum()
+        return off
+
+    def _fits(self, distance: Array) -> Array:
+        """Return how probable a squared distance makes each hypothesis but the glimpse."""
+        fits = (self._prior * np.maximum(np.exp(-distance / 2), LEAST**2))[:-1]
+        return np.asarray(fits / fits.sum())
+
+    def _darker(self, own: Array, light: float | None) -> Array:
+        """Return how improbable a light is of each hypothesis, as a squared distance, ``(n,)``."""
+        if light is None:
+            return np.zeros(len(self.weights))
+        off = np.abs(self._settings.light(own[:3], self.places, self.headings) - light)
+        return np.asarray(np.square(np.minimum(off / LIGHT_STD, MOST_STDS)))
+
+    def _take(self, place: Array, heading: Array, spread: Array, distance: Array) -> Goal:
+        """Weight the hypotheses by squared distances from what was seen; return the place behind.
+
+        What was seen is of a leader at a place, with a heading, and of a covariance, ``(5, 5)``.
+        """
+        off, fits = self._off(place, heading), self._fits(distance)
+        self.weights = self._prior * np.maximum(np.exp(-distance / 2), LEAST)
         mean = fits @ off[:-1]
         about = off[:-1] - mean
         known = about.T @ (fits[:, None] * about) + BESIDE

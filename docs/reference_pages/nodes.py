@@ -177,7 +177,9 @@ def topics() -> list[str]:
                 "- `array/image`: mono16, counts; row 0 is the top, column 0 the port edge, unless "
                 "the scene has `array.wiring`; images of several lamps lie below one another.",
                 "- `array/features`: one point with FLOAT64 `peak`, `column`, `row`, "
-                "`skewness_horizontal` and `skewness_vertical`; no point without light.",
+                "`skewness_horizontal` and `skewness_vertical`; no point without light. "
+                "`array/faint_features`: those of light that came within some seconds and that the "
+                "image alone does not show; no message without it.",
                 "- `relative_pose`: the follower's `base_link` in the leader's `beacon`, by one "
                 "image; `relative_odometry`: the same by the track of many; `leader_pose`: the "
                 "lamp in the follower's `base_frame`.",

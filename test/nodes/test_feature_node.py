@@ -8,8 +8,10 @@ from scenes import ready
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
+from uuv_optical_array.estimation.signature.faint_light import FaintLight
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.prior import power_offsets
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.shared.messages import image_to_message
 
@@ -120,6 +122,32 @@ def test_daylight_as_bright_as_it_may_be_is_an_empty_cloud(lab):
     dim = daylight + model.light([-10.0, 0, 0, 0, 0]).round()
     feeder.send(dim, 2)
     feeder.check_answer(dim, 2)
+
+
+def test_light_that_no_image_shows_has_a_topic_of_its_own(lab):
+    scene, rng = ready("follow"), np.random.default_rng(5)
+    model, feeder = ForwardModel(scene), Feeder(lab, scene, "follow")
+    faint_clouds = lab.listen(PointCloud2, "array/faint_features")
+    lab.connect()
+    pose = [-8.5, 3.2, 0, 0, 0]  # from which the lamp is to starboard
+    lights = [model.light(pose, 0.0, power_offsets([power], 1)) for power in (0.0, 1.0)]
+    own = FaintLight(5)
+    for seconds in range(1, 60):
+        image = model.read(lights[seconds > 40], rng)
+        feeder.send(image, seconds)
+        assert feeder.cloud(seconds).width == 0
+        came = own.look(seconds + 7e-9, image)
+        if came is None:
+            continue
+        cloud = lab.answer(faint_clouds, Time(sec=seconds, nanosec=7))
+        assert seconds > 40
+        expected = key_parameters(came, scene.full_scale_counts, scene.signature.peak)
+        found = np.frombuffer(cloud.data, "<f8")
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+        assert cloud.header.frame_id == "rov/array"
+        if seconds > 45:
+            assert found[1] > 0
+    assert len(faint_clouds) > 5
 
 
 def test_the_least_peak_can_be_given_at_the_start_and_set_while_the_node_runs(

@@ -89,6 +89,17 @@ def test_an_image_without_light_is_an_empty_cloud_and_no_pose(rov):
 
 
 @BOTH
+def test_light_that_no_image_shows_comes_to_the_law_without_a_topic(rov, scene):
+    came, heard = np.arange(25.0).reshape(5, 5), []
+    rov.lab.patch.setattr(rov.feature.faint_light, "look", lambda stamp_s, image: came)
+    rov.lab.patch.setattr(rov.formation.following, "glimmered", lambda *given: heard.append(given))
+    rov.show(np.zeros((5, 5)), 1)
+    assert rov.lab.answer(rov.clouds, Time(sec=1)).width == 0
+    _, glow = rov.lab.until(lambda: heard, "the faint light")[0]
+    assert glow == (-1.0, -1.0, 24.0 / scene.full_scale_counts)  # at the starboard edge, below
+
+
+@BOTH
 def test_an_image_above_full_scale_is_refused_once_and_the_next_one_answered(rov, scene, method):
     image = ForwardModel(scene).expose(POSE, np.random.default_rng(9))
     rov.show(image + 1023, 1)

@@ -60,6 +60,7 @@ class Helm:
         self.node = lab.start(FormationNode)
         self.poses = lab.talk(Odometry, "relative_odometry")
         self.clouds = lab.talk(PointCloud2, "array/features")
+        self.faint_clouds = lab.talk(PointCloud2, "array/faint_features")
         self.commands = lab.listen(TwistStamped, "cmd_vel")
         self.states = lab.listen(DiagnosticStatus, "follow_state")
         lab.connect()
@@ -74,6 +75,12 @@ class Helm:
         stamp = time_of(self.now)
         self.hear(self.clouds, features_to_message(parameters, Header(stamp=stamp)), PointCloud2())
         self.law.looked(self.now * 1e-9, glow)
+
+    def glimmer(self, parameters, glow):
+        """Tell node and law of light of this instant that no single image shows."""
+        message = features_to_message(parameters, Header(stamp=time_of(self.now)))
+        self.hear(self.faint_clouds, message, PointCloud2())
+        self.law.glimmered(self.now * 1e-9, glow)
 
     def hear(self, talker, message, refused):
         """Tell the node what it does not answer, and wait until one after it has been refused."""
@@ -363,8 +370,9 @@ def test_a_search_that_ended_can_be_begun_again(lab):
     assert "lost" not in [state.message for state in helm.states]
 
 
+@pytest.mark.parametrize("faint", [False, True])
 @pytest.mark.parametrize(("scene", "half"), [("follow", 2.0)])
-def test_a_search_turns_to_light_that_has_no_pose(lab, scene, half):
+def test_a_search_goes_to_light_that_has_no_pose(lab, scene, half, faint):
     side = load_scene(scene).array.detectors_per_side
     assert side == 2 * half + 1
     helm = Helm(lab, SearchSettings(settle_s=0.0, coast_s=0.0), scene=scene)
@@ -373,13 +381,21 @@ def test_a_search_turns_to_light_that_has_no_pose(lab, scene, half):
     while helm.law.state.name != "searching":
         helm.look()
         helm.check_command()
-    for _ in range(30):  # of key parameters: 1.5 detectors to starboard, one down
-        helm.look(np.array([0.01, 1.5, 1.0, 0.3, 0.2]), Glow(-1.5 / half, -1.0 / half, 0.01))
-        found = helm.check_command()
+    # Of key parameters: 1.5 detectors to starboard, one down.
+    parameters, glow = np.array([0.01, 1.5, 1.0, 0.3, 0.2]), Glow(-1.5 / half, -1.0 / half, 0.01)
+    commands = []
+    for _ in range(30):
+        if faint:
+            helm.look()
+            helm.glimmer(parameters, glow)
+        else:
+            helm.look(parameters, glow)
+        commands.append(helm.check_command())
     assert helm.law.state.name == "searching"
-    _, _, _, _, pitch_rate, yaw_rate = found
-    assert yaw_rate < -0.1  # to starboard
-    assert pitch_rate > 0.01  # down
+    way = np.sum(commands, axis=0) * STEP * 1e-9
+    assert way[1] < -0.1  # to starboard
+    assert way[2] < -0.05  # down
+    assert way[5] < -0.01
 
 
 def test_in_the_dark_it_knows_its_way_by_its_odometry_where_it_is_told_to(lab):

@@ -12,12 +12,14 @@ from std_msgs.msg import Header
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.messages import image_from_message, stamp_ns
 from uuv_optical_array.estimation.signature.daylight import Daylight
+from uuv_optical_array.estimation.signature.faint_light import FaintLight
 from uuv_optical_array.estimation.signature.features import (
     FeatureSettings,
     no_pattern,
     scene_parameters,
 )
 from uuv_optical_array.estimation.signature.plausibility import check_full_scale
+from uuv_optical_array.forward.lamp.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared import messages
@@ -34,15 +36,17 @@ PARAMETERS = {**shared("scene"), **parameters_of(FeatureSettings)}
 class FeatureNode(Node):
     """Publish one point of five fields for each image; no point where there is no light.
 
-    `hand_over` takes header, counts, and what returns the key parameters or ``None``, of each image
-    at once; then only the newest of the images that wait is served, and what it does not ask for
-    comes afterwards: `look` takes header and key parameters, and they are published.
+    The point of light that came in some seconds, and that one image does not show, is in a topic of
+    its own. `hand_over` takes header, counts, and what returns the key parameters or ``None``, of
+    each image at once; then only the newest of the images that wait is served, and what it does not
+    ask for comes afterwards: `look` takes header, key parameters and those of the faint light or
+    ``None``, and they are published.
     """
 
     def __init__(
         self,
         hand_over: HandOver | None = None,
-        look: Callable[[Header, Array | None], None] | None = None,
+        look: Callable[[Header, Array | None, Array | None], None] | None = None,
         **options: Any,
     ) -> None:
         super().__init__("feature_node", **options)
@@ -51,7 +55,9 @@ class FeatureNode(Node):
         self.daylight = Daylight(ForwardModel(self.scene))
         self.order = messages.StampOrder()
         self.diagnostics = Diagnostics(self)
+        self.faint_light = FaintLight(self.scene.array.detectors_per_side)
         self.features = publish(self, PointCloud2, "array/features")
+        self.faint_features = publish(self, PointCloud2, "array/faint_features")
         self.hand_over, self.look, self.rest = hand_over, look, Rest(self)
         subscribe(self, Image, "array/image", self.on_image, newest=hand_over is not None)
 
@@ -71,11 +77,16 @@ class FeatureNode(Node):
     def tell(self, header: Header, image: Array, features: Callable[[], Array | None]) -> None:
         """Publish the key parameters of an image."""
         with self.diagnostics.refusing():
-            parameters = features()
+            parameters, faint = features(), None
+            if parameters is None:
+                came = self.faint_light.look(1e-9 * stamp_ns(header), together(image))
+                faint = None if came is None else scene_parameters(came, self.scene)
             if self.look is not None:
-                self.look(header, parameters)
+                self.look(header, parameters, faint)
             if self.features.heard:
                 self.features.publish(messages.features_to_message(parameters, header))
+            if faint is not None and self.faint_features.heard:
+                self.faint_features.publish(messages.features_to_message(faint, header))
             if parameters is not None:
                 self.diagnostics.answer(stamp_ns(header), lambda: self.figures(image))
 

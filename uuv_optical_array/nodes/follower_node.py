@@ -27,8 +27,10 @@ def follower() -> tuple[FeatureNode, EstimatorNode, FormationNode]:
         else:
             estimator.on_features(header, features(), image)
 
-    def on_look(header: Header, parameters: Array | None) -> None:
+    def on_look(header: Header, parameters: Array | None, faint: Array | None) -> None:
         formation.on_look(header, parameters)
+        if faint is not None:
+            formation.on_faint_light(header, faint)
         estimator.rest.finish()
 
     return FeatureNode(on_image, on_look), estimator, formation

@@ -57,8 +57,9 @@ class FormationNode(Node):
     """Command the follower to its station, and to find its leader again when the light is gone.
 
     Tracks and key parameters come by topic where they are `subscribed`; else nodes of the same
-    process call `on_track` and `on_look`. The service ``~/engage`` (std_srvs/SetBool) lets it
-    steer, or stops the follower and lets it go; ``~/search`` (std_srvs/Trigger) begins a search.
+    process call `on_track`, `on_look` and `on_faint_light`. The service ``~/engage``
+    (std_srvs/SetBool) lets it steer, or stops the follower and lets it go; ``~/search``
+    (std_srvs/Trigger) begins a search.
     """
 
     def __init__(self, subscribed: bool = True, **options: Any) -> None:
@@ -76,6 +77,7 @@ class FormationNode(Node):
         if subscribed:
             subscribe(self, Odometry, "relative_odometry", self.on_message)
             subscribe(self, PointCloud2, "array/features", self.on_features)
+            subscribe(self, PointCloud2, "array/faint_features", self.on_faint_features)
         if self.parameters["use_odometry"]:
             subscribe(self, Odometry, "odometry", self.on_odometry)
         if self.parameters["use_leader_odometry"]:
@@ -179,11 +181,25 @@ class FormationNode(Node):
 
     def on_look(self, header: Header, parameters: Array | None) -> None:
         """Note that an image was taken, and by its key parameters where it is brightest."""
-        glow = None
-        if parameters is not None:
-            peak, to_starboard, down, *_ = parameters.tolist()
-            glow = Glow(-to_starboard / self.half, -down / self.half, peak)
+        glow = None if parameters is None else self.glow(parameters)
         self.following.looked(self.time.of(stamp_ns(header), "features"), glow)
+
+    def on_faint_features(self, message: PointCloud2) -> None:
+        """Take what a topic says of light that no single image shows."""
+        with self.diagnostics.refusing():
+            parameters = messages.features_from_message(message)
+            if parameters is not None:
+                self.on_faint_light(message.header, parameters)
+
+    def on_faint_light(self, header: Header, parameters: Array) -> None:
+        """Let light that no single image shows guide a search, by its key parameters."""
+        stamp_s = self.time.of(stamp_ns(header), "faint_features")
+        self.following.glimmered(stamp_s, self.glow(parameters))
+
+    def glow(self, parameters: Array) -> Glow:
+        """Return where the array is lit brightest, by key parameters."""
+        peak, to_starboard, down, *_ = parameters.tolist()
+        return Glow(-to_starboard / self.half, -down / self.half, peak)
 
     def on_odometry(self, message: Odometry) -> None:
         """Tell the law how the follower moves by its own instruments."""

@@ -10,6 +10,7 @@ from pursuit import LIT_S, OPEN, TICK_S, Pursuit
 
 from uuv_optical_array.control.darkness import SearchSettings
 from uuv_optical_array.control.following import SURFACE_M_PER_S
+from uuv_optical_array.control.leader.motion import Glow
 
 UP = [0.0, 0.0, 1.0]
 
@@ -31,18 +32,23 @@ class Upright(Pursuit):
     st.floats(2.0, 30.0),
     st.sampled_from(["hold", "surface"]),
     st.booleans(),
+    st.sampled_from([0.0, -1.0, 1.0]),
 )
-@example((0.5, 0.0, 0.4), 0.0, 0.0, 1.0, 20.0, "hold", False)
-@example((1.2, 0.0, 0.0), 0.1, -0.6, 1.0, 20.0, "hold", True)
-@example((1.2, 0.0, 0.0), 0.0, 0.3, 0.0, 20.0, "surface", False)
-@example((1.2, 0.0, 0.0), 0.0, -0.3, 1.0, 20.0, "surface", True)
+@example((0.5, 0.0, 0.4), 0.0, 0.0, 1.0, 20.0, "hold", False, 0.0)
+@example((1.2, 0.0, 0.0), 0.1, -0.6, 1.0, 20.0, "hold", True, 0.0)
+@example((1.2, 0.0, 0.0), 0.0, 0.3, 0.0, 20.0, "surface", False, 0.0)
+@example((1.2, 0.0, 0.0), 0.0, -0.3, 1.0, 20.0, "surface", True, 0.0)
+@example((0.5, 0.0, 0.0), 0.0, 0.0, 1.0, 2.0, "hold", False, 1.0)
+@example((0.5, 0.0, 0.0), 0.0, 0.1, 1.0, 2.0, "hold", True, -1.0)
 @settings(max_examples=6)
 def test_without_light_it_leaves_no_depth_whatever_its_leader_did(
-    speed, turn, bow, depth_m, coast_s, when_lost, measured
+    speed, turn, bow, depth_m, coast_s, when_lost, measured, up
 ):
     """Where up is not measured the leader is level at first.
 
     Beyond what it went until it knew of the darkness, and the bow turns within one command.
+
+    Light without a pose may seem to be far up or down.
 
     On the way up that follows a search in vain only the lower depth counts.
     """
@@ -57,6 +63,8 @@ def test_without_light_it_leaves_no_depth_whatever_its_leader_did(
     turns = math.radians(OPEN.max_turn_deg_per_s) * TICK_S * OPEN.max_surge_m_per_s * OPEN.blind_s
     most_m = depth_m + turns
     while pursuit.now < 46.0:
+        if up:
+            pursuit.following.glimmered(pursuit.now, Glow(0.0, up, 0.01))
         pursuit.step()
         off_m = pursuit.own[2] - went
         if pursuit.state == "locked":

@@ -78,10 +78,14 @@ def test_when_lost_it_disengages_where_it_is_told_to():
     st.tuples(st.floats(0.0, 1.2), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)),
     st.floats(-0.12, 0.12),
     st.floats(-6.0, -3.0),
+    st.sampled_from([None, Glow(0.0, 0.0, 0.01), Glow(1.0, 0.5, 0.01)]),
 )
-@example((0.5, 0.0, 0.0), 0.0, -3.0)
+@example((0.5, 0.0, 0.0), 0.0, -3.0, None)
+@example((0.0, 0.0, 0.0), 0.0, -3.0, Glow(0.0, 0.0, 0.01))
+@example((1.2, 0.0, 0.0), 0.0, -3.0, Glow(-1.0, -1.0, 0.01))
 @settings(max_examples=8)
-def test_in_the_dark_it_keeps_off_where_the_lamp_was_and_within_the_limits(speed, turn, x):
+def test_in_the_dark_it_keeps_off_where_the_lamp_was_and_within_the_limits(speed, turn, x, glow):
+    """Also while it goes to light that no single image shows."""
     formation = FormationSettings((x, 0.0, 0.0), min_distance_m=2.0)
     search = SearchSettings(search_distance_m=15.0, search_time_s=35.0)
     pursuit = Pursuit(speed, turn, formation, search, (-1.0, 0.0, 0.0))
@@ -94,6 +98,8 @@ def test_in_the_dark_it_keeps_off_where_the_lamp_was_and_within_the_limits(speed
     rest_m = formation.max_surge_m_per_s**2 / (2 * formation.max_acceleration_m_per_s2)
     rest_m += formation.max_surge_m_per_s * formation.smoothing_s
     for _ in range(round(38 / TICK_S)):
+        if glow is not None:
+            pursuit.following.glimmered(pursuit.now, glow)
         pursuit.step()
         assert np.linalg.norm(pursuit.own - lamp) > least_m - 0.05
         assert np.linalg.norm(pursuit.own - start) < search.search_distance_m + rest_m
@@ -120,21 +126,43 @@ def test_a_follower_that_is_left_to_others_commands_nothing_until_it_is_engaged(
     assert pursuit.following.state.since_s == pytest.approx(engaged_s + SHORT.settle_s, abs=1e-9)
 
 
+@pytest.mark.parametrize("way", ["looked", "glimmered"])
 @pytest.mark.parametrize("side", [-1, 1])
-def test_a_search_goes_to_light_without_a_pose_which_changes_nothing_before(side):
+def test_a_search_goes_to_light_without_a_pose(side, way):
+    """It was a thousand times as bright at the station, so it is of a beam that passes by."""
+    pursuit = Pursuit(search=SearchSettings(coast_s=8.0))
+    pursuit.peak = 1.0
+    pursuit.run(LIT_S)
+    pursuit.light, pursuit.peak = False, None
+    begun = pursuit.until("searching").own
+    for _ in range(50):
+        getattr(pursuit.following, way)(pursuit.now, Glow(float(side), 0.0, 1e-3))
+        pursuit.step()
+    assert side * (pursuit.own - begun)[1] > 0.5
+
+
+def test_light_that_no_image_shows_changes_nothing_but_a_search():
     (pursuit, _), (twin, _) = dark(), dark()
-    glow = Glow(float(side), 0.0, 0.01)
-    while twin.state != "searching":
-        pursuit.following.glimmered(pursuit.now, glow)
+    while twin.state != "lost":
+        if twin.state == "coasting":
+            pursuit.following.glimmered(pursuit.now, Glow(1.0, 0.0, 0.01))
         pursuit.step()
         twin.step()
         np.testing.assert_array_equal(pursuit.own, twin.own)
-    begun = pursuit.own
-    for _ in range(50):
-        pursuit.following.glimmered(pursuit.now, glow)
+
+
+def test_light_whose_poses_are_refused_guides_no_search():
+    (pursuit, _), (twin, _) = dark(), dark()
+    for each in (pursuit, twin):
+        each.until("searching")
+        each.light, each.aside = True, np.array([0.0, 60.0, 0.0])
+        each.step()
+    assert "another lamp" in str(pursuit.refused)
+    for _ in range(20):
+        pursuit.following.glimmered(pursuit.now, Glow(1.0, 0.0, 0.01))
         pursuit.step()
-    assert side * (pursuit.own - begun)[1] > 0.5
-    assert side * pursuit.attitude[1] > 0.02
+        twin.step()
+        np.testing.assert_array_equal(pursuit.own, twin.own)
 
 
 def test_a_glimpsed_pose_says_more_than_the_brightest_place_for_a_while():

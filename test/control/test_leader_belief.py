@@ -1,6 +1,7 @@
 """Where a leader without light may be: closed forms of its way, and what looking tells of it."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -231,42 +232,110 @@ def test_dim_light_is_of_a_lamp_at_its_beams_edge(dim):
     assert belief.headings[-1, 1] == pytest.approx(EDGE * dim, abs=0.01)
 
 
+def in_the_water(own, ways, ranges):
+    """Return places on lines from a follower at `own`, rad down and to port, and its heading."""
+    rays = [Rotation.from_euler("ZY", way[::-1]).apply([1.0, 0.0, 0.0]) for way in ways]
+    rays = np.array(rays) * np.reshape(ranges, (-1, 1))
+    places = own[:3] + Rotation.from_euler("ZY", own[:2:-1]).apply(rays)
+    return np.concatenate([places, np.tile([0.0, own[4]], (len(ways), 1))], axis=1)
+
+
 @pytest.mark.parametrize(("to_port", "up"), [(1.0, 0.0), (-0.8, 0.0), (0.0, 0.9), (0.2, -1.0)])
-@pytest.mark.parametrize("attitude", [(0.0, 0.0), (-0.2, 2.0)])
+@pytest.mark.parametrize("attitude", [(0.0, 0.0), (-0.1, 2.0)])
 def test_light_without_a_pose_is_of_the_lamp_that_lights_that_side(to_port, up, attitude):
-    """Of lamps that are ahead, on both sides, and behind."""
+    """Of lamps that are ahead, on both sides, and behind, each far from the others."""
     own = np.array([1.0, -2.0, 0.5, *attitude])
-    body = Rotation.from_euler("ZY", attitude[::-1])
     ways = [(-0.3 * up, 0.3 * to_port), (0.3 * up, -0.3 * to_port), (0.0, 0.0), (0.0, math.pi)]
-    rays = [Rotation.from_euler("ZY", way[::-1]).apply([8.0, 0.0, 0.0]) for way in ways]
-    level = np.tile([0.0, attitude[1]], (4, 1))
-    lamps = np.concatenate([own[:3] + body.apply(rays), level], axis=1)
-    prior = np.array([0.1, 0.3, 0.2, 0.4])
+    lamps, prior = in_the_water(own, ways, 16.0), np.array([0.1, 0.3, 0.2, 0.4])
     belief = of(prior, lamps)
-    assert belief.face(own, Glow(to_port, up, 1.0), None).hypothesis == 4
-    of_prior = belief.weights[:4] / prior
-    assert (of_prior[1:] < 0.6 * of_prior[0]).all()
-    belief = of([1.0], lamps[:1])
     belief.face(own, Glow(to_port, up, 1.0), None)
-    np.testing.assert_allclose(belief.places[-1], lamps[0, :3], atol=1e-9)
-    np.testing.assert_allclose(belief.headings[-1], lamps[0, 3:], atol=1e-9)
+    of_prior = belief.weights[:4] / prior
+    assert of_prior.argmax() == 0
+    assert (of_prior[1:] < 0.9 * of_prior[0]).all()
+    np.testing.assert_allclose(belief.places[0], lamps[0, :3], atol=1e-9)
 
 
 @pytest.mark.parametrize("side", [-1, 1])
 def test_light_grows_towards_the_axis_of_a_lamp_that_is_ahead(side):
     """A lamp whose bow points to port has its beam's axis to starboard of who looks at it."""
-    belief = of([0.4, 0.3, 0.3], [at(0), at(0, yaw=side * EDGE), at(0, yaw=-side * EDGE)])
+    prior = np.array([0.4, 0.3, 0.3])
+    belief = of(prior, [at(0), at(0, yaw=side * 0.6), at(0, yaw=-side * 0.6)])
     belief.face(ASTERN, Glow(-side * 1.0, 0.0, 1.0), None)
-    assert (belief.weights[:3] / [0.4, 0.3, 0.3]).argmax() == 1
+    assert (belief.weights[:3] / prior).argmax() == 1
 
 
-def test_what_light_without_a_pose_leaves_open_is_as_bright_as_the_hypotheses_have_it():
-    lamps = [at(0), at(0.5 * HALF)]
-    for k, light in enumerate(SIGHT.light(ASTERN[:3], np.array(lamps)[:, :3], np.zeros((2, 2)))):
+def test_light_in_the_middle_is_of_a_lamp_ahead_and_not_behind():
+    belief = of([0.2, 0.8], [at(0), at(4 * ASTERN[0])])
+    belief.face(ASTERN, Glow(0.0, 0.0, 1.0), None)
+    assert belief.weights[:2].argmax() == 0
+
+
+def test_light_without_a_pose_is_of_the_lamp_that_is_as_bright():
+    lamps = np.array([at(-0.2 * HALF), at(0.7 * HALF)])
+    for k, light in enumerate(SIGHT.light(ASTERN[:3], lamps[:, :3], lamps[:, 3:])):
         belief = of([0.5, 0.5], lamps)
         belief.face(ASTERN, Glow(0.0, 0.0, 1.0), float(light))
         assert belief.weights[:2].argmax() == k
-        assert np.linalg.norm(belief.places[-1] - lamps[k][:3]) < 0.5
+        np.testing.assert_array_equal(belief.places[k], lamps[k, :3])
+
+
+def test_light_at_the_arrays_edge_is_of_any_lamp_beyond():
+    prior = np.array([0.7, 0.3])
+    belief = of(prior, in_the_water(ASTERN, [(0.0, 0.5), (0.0, 1.0)], 40.0))
+    belief.face(ASTERN, Glow(1.0, 0.0, 1.0), None)
+    np.testing.assert_allclose(belief.weights[:2], prior)
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0])
+def test_light_without_a_pose_may_be_of_a_leader_between_the_hypotheses(heading):
+    """Of all, each a step aside, up and in yaw or not, it is the one that fits best."""
+    turn = Rotation.from_euler("z", heading)
+    own = np.array([*turn.apply(ASTERN[:3]), 0.0, heading])
+    lamps = np.array([[*turn.apply([0.0, 0.4, -0.3]), 0.0, heading], at(30.0)])
+    belief = of([0.1, 0.9], lamps)
+    glow, light = Glow(-1.0, 0.6, 1.0), 0.0
+    belief.face(own, glow, light)
+    found = {}
+    for aside, up, yaw in product((-1, 0, 1), repeat=3):
+        place = np.array([0.0, 0.4 + 1.5 * aside, -0.3 + 1.25 * up])
+        behind = Rotation.from_euler("z", math.radians(10.0 * yaw)).inv().apply(ASTERN[:3] - place)
+        range_m = np.linalg.norm(behind)
+        off_axis = math.degrees(math.acos(-behind[0] / range_m)) / SIGHT.sight_deg
+        bright = SIGHT.on_axis(range_m) - SIGHT.on_axis(HALF) * off_axis**2
+        across = behind * [0, -1, -1]  # to the axis, as the leader has it
+        across = Rotation.from_euler("z", math.radians(10.0 * yaw)).apply(across)
+        way = (place - ASTERN[:3] + across)[1:] / 2 / range_m
+        off = np.clip(way / 0.3, -1, 1) - [glow.to_port, glow.up]
+        square = (
+            (off @ off) * 4 + min(abs(bright - light) / 0.7, 4) ** 2 + aside**2 + up**2 + yaw**2
+        )
+        found[square] = [*turn.apply(place), 0.0, heading + math.radians(10.0 * yaw)]
+    best = found[min(found)]
+    for _ in range(3):  # not a step each time
+        np.testing.assert_allclose([*belief.places[0], *belief.headings[0]], best, atol=1e-9)
+        belief.face(own, glow, light)
+    assert abs(best[4] - heading) > 0.1
+    assert belief.weights[0] == pytest.approx(0.1 * max(math.exp(-min(found) / 2), LEAST))
+    belief.forget_glimpse()
+    np.testing.assert_array_equal(belief.places[:2], lamps[:, :3])
+    belief.face(own, glow, light)
+    belief.glimpse(own, pose_of(own, lamps[0]), np.eye(5), None)
+    np.testing.assert_array_equal(belief.places[:2], lamps[:, :3])
+
+
+def test_a_leader_beside_a_hypothesis_goes_on_as_that_does():
+    belief = of([1.0], [at(0)], [[0.5, 0, 0]], [[0, 0.1]], [[0, 0.1]])
+    twin = of([1.0], [at(0)], [[0.5, 0, 0]], [[0, 0.1]], [[0, 0.1]])
+    belief.face(ASTERN, Glow(-1.0, 0.6, 1.0), 0.0)
+    for _ in range(20):
+        belief.pass_time(0.1)
+        twin.pass_time(0.1)
+    apart = Rotation.from_euler("z", twin.headings[0, 1]).inv().apply(belief.places - twin.places)
+    assert np.abs(apart[0]).max() > 1.0
+    before = of([1.0], [at(0)])
+    before.face(ASTERN, Glow(-1.0, 0.6, 1.0), 0.0)
+    np.testing.assert_allclose(apart[0], before.places[0], atol=1e-9)
+    np.testing.assert_allclose(belief.headings - twin.headings, before.headings, atol=1e-9)
 
 
 def test_a_leader_that_pauses_goes_on_beside_its_old_way():

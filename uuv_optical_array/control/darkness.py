@@ -269,8 +269,10 @@ class Darkness:
         """Let light that gives no pose guide the search."""
         if abs(self._now_s - self._posed_s) <= POSED_S:
             return
-        self._goal = self._belief.face(self.own, glow, self._light(glow))
-        self._glimpsed_s = self._planned_s = self._now_s
+        self._belief.face(self.own, glow, self._light(glow))
+        if not self._now_s - self._planned_s < ARRIVED_S:
+            self._planned_s = -math.inf  # it may be seen from another place now
+        self._glimpsed_s = self._now_s
 
     def _light(self, glow: Glow | None) -> float | None:
         """Return how bright a light is, as of `SightSettings.on_axis`; ``None``: unknown."""

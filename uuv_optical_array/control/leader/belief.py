@@ -19,6 +19,7 @@ so by where on the array it is brightest.
 """
 
 import math
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,6 @@ from numpy.typing import NDArray
 
 from uuv_optical_array.control.leader.motion import (
     EDGE_RAD,
-    EDGE_STD,
     MIDDLE_STD,
     TURN_S,
     Glow,
@@ -61,8 +61,10 @@ ARRAY_DEG = 70.0  # off the bow, to where detectors see
 # deviation of a glimpse's place, m, beyond which it is vague.
 BESIDE, VAGUE_M = np.diag([0.25, 0.25, 0.25, 0.01, 0.01]), 1.0
 ARRIVAL_S = 20.0  # a place that is reached this much later is worth 1 / e
-# Standard deviations of range and heading that the place of the brightest detector leaves open.
-ANY_M, ANY_RAD = 20.0, 3.0
+# Leaders between the hypotheses: m aside and up, rad of yaw, about half of what these are apart
+# when a drift ends, and how many such standard deviations they are from one.
+STEPS = np.array(list(product((-1, 0, 1), repeat=3)))
+BETWEEN = STEPS * np.array([1.5, 1.25, math.radians(10.0)])
 # How many likely leaders are considered, from how far behind, in stations, and for how long; the
 # factor by which another place must be better than staying.
 LIKELY, TRAIL, LOOKS_S, STAYS = 24, 2.0, 8.0, 1.1
@@ -112,7 +114,8 @@ class LeaderBelief:
         self._prior = np.append(prior, LEAST * prior.min())
         self.weights = self._prior.copy()
         starts = with_glimpse(starts)
-        self.places, self.headings = starts[:, :3].copy(), starts[:, 3:].copy()
+        self._places, self._headings = starts[:, :3].copy(), starts[:, 3:].copy()
+        self._put(np.zeros((len(starts), 3)))
         self._speeds, self._rates = with_glimpse(speeds), with_glimpse(rates)
         self._turns = with_glimpse(turns)
         self._after_drift = self._speeds.copy()  # after `TURNING_S`
@@ -159,20 +162,25 @@ class LeaderBelief:
         none = np.zeros((len(prior), 2))
         return cls(settings, prior / prior.sum(), starts, np.zeros((len(prior), 3)), none, none)
 
+    def _put(self, beside: Array) -> None:
+        """Put each leader beside its hypothesis, by so much, ``(n, 3)``."""
+        self._beside = beside
+        self.places, self.headings = self._aside(beside)
+
+    def _aside(self, beside: Array) -> tuple[Array, Array]:
+        """Return places and headings of leaders beside all hypotheses, as of `BETWEEN`."""
+        aside, up, yaw = np.moveaxis(beside[..., None], -2, 0)
+        at = rotation_matrix(*self._headings.T)
+        places = self._places + aside * at[:, :, 1] + up * at[:, :, 2]
+        return places, self._headings + np.concatenate([0.0 * yaw, yaw], axis=-1)
+
     def advance(self, step_s: float, own: Array) -> None:
         """Let time pass, s, in which the follower, at `own`, ``(5,)``, saw no light."""
         seen = self._settings.sees(own[:3], self.places, self.headings)
         lit = 1 - math.exp(-self.age_s / DARK_S)
-        self.weights[seen & self._ahead(own)] *= math.exp(-step_s * lit / LOOK_S)
+        self.weights[seen & _ahead(own, self.places)] *= math.exp(-step_s * lit / LOOK_S)
         self.weights += (self._prior - self.weights) * (1 - math.exp(-step_s / AGAIN_S))
         self.pass_time(step_s)
-
-    def _ahead(self, own: Array) -> NDArray[np.bool_]:
-        """Say on which lamps the array of a follower at `own` looks, ``(n,)``."""
-        to_lamps = self.places - own[:3]
-        bow = rotation_matrix(own[PITCH], own[YAW])[:, 0]
-        least = math.cos(math.radians(ARRAY_DEG)) * np.linalg.norm(to_lamps, axis=1)
-        return np.asarray(to_lamps @ bow > least)
 
     def accompany(self, place: Array, heading: Array, speed: Array, turn: Array) -> Goal:
         """Take where a leader in company would be, and how it moves; return the place behind it.
@@ -182,9 +190,10 @@ class LeaderBelief:
         k = self._company
         if k is None:
             return Goal(-1, 0.0)
-        self.places[k], self.headings[k] = place, heading
+        self._places[k], self._headings[k], self._beside[k] = place, heading, 0.0
         self._speeds[k], self._after_drift[k] = speed, speed
         self._rates[k], self._turns[k] = turn, turn
+        self._put(self._beside)
         return Goal(k, 1.0)
 
     def pass_time(self, step_s: float) -> None:
@@ -195,18 +204,19 @@ class LeaderBelief:
         if self.age_s >= TURNING_S:
             self._speeds = self._after_drift
         self._rates = kept * self._rates + (1 - kept) * turns
-        self.places, self.headings = self._after(step_s)
+        self._places, self._headings = self._after(step_s, self._places, self._headings)
+        self._put(self._beside)
 
-    def _after(self, time_s: float) -> tuple[Array, Array]:
+    def _after(self, time_s: float, places: Array, headings: Array) -> tuple[Array, Array]:
         """Return places and headings after a time, s; rates change little meanwhile."""
         ahead_s = time_s / 2
-        turned = self.headings + self._rates * ahead_s
+        turned = headings + self._rates * ahead_s
         turned[:, 0] = np.clip(turned[:, 0], -MOST_PITCH, MOST_PITCH)
         arc = np.sinc(self._rates[:, 1:] * ahead_s / math.pi)  # chord over arc
         ways = np.einsum("nij,nj->ni", rotation_matrix(*turned.T), self._speeds)
-        headings = self.headings + self._rates * time_s
+        headings = headings + self._rates * time_s
         headings[:, 0] = np.clip(headings[:, 0], -MOST_PITCH, MOST_PITCH)
-        return self.places + ways * time_s * arc, headings
+        return places + ways * time_s * arc, headings
 
     def glimpse(self, own: Array, pose: Array, covariance: Array, light: float | None) -> Goal:
         """Weight the hypotheses by a pose that is not trusted yet; return the place behind it.
@@ -217,74 +227,69 @@ class LeaderBelief:
         - own: where the follower is, ``(5,)``; `pose`, `covariance`: as of a track.
         - light: of its image, as of `SightSettings.on_axis`; ``None``: it is not known.
         """
+        self._put(0.0 * self._beside)
         place, heading = seen_at(own, pose)
         sees = slopes(pose, heading)
         spread = sees @ covariance @ sees.T
-        off = self._off(place, heading)
-        distance = np.einsum("ni,ij,nj->n", off, np.linalg.inv(4 * spread + BESIDE), off)
-        return self._take(place, heading, spread, distance + self._darker(own, light))
-
-    def face(self, own: Array, glow: Glow, light: float | None) -> Goal:
-        """Do the same by where the array is lit brightest.
-
-        That is towards the lamp, and towards the axis of its beam, where this is brighter.
-        """
-        to_lamps = self.places - own[:3]
-        ranges = np.maximum(np.linalg.norm(to_lamps, axis=1), NEAREST_M)
-        bows = rotation_matrix(*self.headings.T)[:, :, 0]
-        to_axes = to_lamps - np.einsum("ni,ni->n", bows, to_lamps)[:, None] * bows
-        body = rotation_matrix(own[PITCH], own[YAW])
-        ways = ((to_lamps + to_axes) / (2 * ranges[:, None])) @ body[:, 1:]
-        shown = np.array([glow.to_port, glow.up])
-        off = (np.clip(ways / EDGE_RAD, -1.0, 1.0) - shown) * EDGE_RAD / MIDDLE_STD
-        distance = np.square(off).sum(axis=1) + self._darker(own, light)
-        distance += MOST_STDS**2 * ~self._ahead(own)
-        fits = self._fits(distance)
-        range_m, heading = float(fits @ ranges[:-1]), fits @ self.headings[:-1]
-        line = body @ rotation_matrix(-EDGE_RAD * glow.up, EDGE_RAD * glow.to_port)
-        across = range_m * (MIDDLE_STD + np.abs(shown) * (EDGE_STD - MIDDLE_STD))
-        spread = np.diag(np.repeat([0.0, ANY_RAD**2], [3, 2]))
-        spread[:3, :3] = line @ np.diag(np.square([ANY_M, *across])) @ line.T
-        return self._take(own[:3] + range_m * line[:, 0], heading, spread, distance)
-
-    def _off(self, place: Array, heading: Array) -> Array:
-        """Return how far each hypothesis is from a place and heading, ``(n, 5)``."""
         off = np.concatenate([self.places - place, self.headings - heading], axis=1)
         off[:, YAW] = np.remainder(off[:, YAW] + math.pi, 2 * math.pi) - math.pi
-        return off
-
-    def _fits(self, distance: Array) -> Array:
-        """Return how probable a squared distance makes each hypothesis but the glimpse."""
-        fits = (self._prior * np.maximum(np.exp(-distance / 2), LEAST**2))[:-1]
-        return np.asarray(fits / fits.sum())
-
-    def _darker(self, own: Array, light: float | None) -> Array:
-        """Return how improbable a light is of each hypothesis, as a squared distance, ``(n,)``."""
-        if light is None:
-            return np.zeros(len(self.weights))
-        off = np.abs(self._settings.light(own[:3], self.places, self.headings) - light)
-        return np.asarray(np.square(np.minimum(off / LIGHT_STD, MOST_STDS)))
-
-    def _take(self, place: Array, heading: Array, spread: Array, distance: Array) -> Goal:
-        """Weight the hypotheses by squared distances from what was seen; return the place behind.
-
-        What was seen is of a leader at a place, with a heading, and of a covariance, ``(5, 5)``.
-        """
-        off, fits = self._off(place, heading), self._fits(distance)
-        self.weights = self._prior * np.maximum(np.exp(-distance / 2), LEAST)
+        distance = np.einsum("ni,ij,nj->n", off, np.linalg.inv(4 * spread + BESIDE), off)
+        if light is not None:
+            distance += self._darker(own, self.places, self.headings, light)
+        likelihood = np.exp(-distance / 2)
+        self.weights = self._prior * np.maximum(likelihood, LEAST)
+        fits = (self._prior * np.maximum(likelihood, LEAST**2))[:-1]
+        fits /= fits.sum()
         mean = fits @ off[:-1]
         about = off[:-1] - mean
         known = about.T @ (fits[:, None] * about) + BESIDE
         gain = spread @ np.linalg.inv(spread + known)
-        self.places[-1] = place + (gain @ mean)[:3]
-        self.headings[-1] = wrapped(heading + (gain @ mean)[3:], 1)
+        self._places[-1] = place + (gain @ mean)[:3]
+        self._headings[-1] = wrapped(heading + (gain @ mean)[3:], 1)
+        self._put(self._beside)
         self.weights[-1] = self._prior.sum()
         vague = np.linalg.eigvalsh((gain @ known)[:3, :3])[-1] > VAGUE_M**2
         return Goal(len(self.weights) - 1, TRAIL if vague else 1.0)
 
+    def face(self, own: Array, glow: Glow, light: float | None) -> None:
+        """Weight the hypotheses by where the array is lit brightest, in place of a pose.
+
+        Each is moved beside where it was to where it would light the array most like it.
+        """
+        count = len(self._prior)
+        places, headings = self._aside(np.repeat(BETWEEN[:, None], count, axis=1))
+        places, headings = places.reshape(-1, 3), headings.reshape(-1, 2)
+        distance = self._unlike(own, places, headings, glow)
+        if light is not None:
+            distance += self._darker(own, places, headings, light)
+        distance = distance.reshape(-1, count) + np.square(STEPS).sum(axis=1, keepdims=True)
+        self._put(BETWEEN[distance.argmin(axis=0)])
+        self.weights = self._prior * np.maximum(np.exp(-distance.min(axis=0) / 2), LEAST)
+
+    def _unlike(self, own: Array, places: Array, headings: Array, glow: Glow) -> Array:
+        """Return how improbable the brightest place of the array is, as a squared distance.
+
+        It is towards the lamp, and towards the axis of its beam, where this is brighter.
+        """
+        to_lamps = places - own[:3]
+        ranges = np.maximum(np.linalg.norm(to_lamps, axis=1), NEAREST_M)
+        bows = rotation_matrix(*headings.T)[:, :, 0]
+        to_axes = to_lamps - np.einsum("ni,ni->n", bows, to_lamps)[:, None] * bows
+        body = rotation_matrix(own[PITCH], own[YAW])
+        ways = ((to_lamps + to_axes) / (2 * ranges[:, None])) @ body[:, 1:]
+        off = np.clip(ways / EDGE_RAD, -1.0, 1.0) - [glow.to_port, glow.up]
+        behind = MOST_STDS**2 * ~_ahead(own, places)
+        return np.asarray(np.square(off * EDGE_RAD / MIDDLE_STD).sum(axis=1) + behind)
+
+    def _darker(self, own: Array, places: Array, headings: Array, light: float) -> Array:
+        """Return how improbable a light is of lamps, as a squared distance."""
+        off = np.abs(self._settings.light(own[:3], places, headings) - light)
+        return np.asarray(np.square(np.minimum(off / LIGHT_STD, MOST_STDS)))
+
     def forget_glimpse(self) -> None:
         """Discard what was glimpsed as false."""
         self.weights = self._prior.copy()
+        self._put(0.0 * self._beside)
 
     def goal(self, own: Array, station: Array, speed_m_per_s: float) -> Goal:
         """Return the place from which most leaders would be seen, and soon, for a while.
@@ -309,7 +314,7 @@ class LeaderBelief:
         """Return the weight of the leaders that are seen from a moving place, at arrival and on."""
         worth = 0.0
         for later_s in (0.0, LOOKS_S):
-            places, headings = self._after(arrival_s + later_s)
+            places, headings = self._after(arrival_s + later_s, self.places, self.headings)
             at = place + later_s * velocity
             worth += float(self.weights @ self._settings.sees(at, places, headings)) / 2
         return worth
@@ -333,3 +338,11 @@ class LeaderBelief:
     def motion(self, k: int) -> tuple[Array, Array]:
         """Return speed, m/s, ``(3,)``, and pitch and yaw rate, rad/s, of a hypothesis, its axes."""
         return self._speeds[k], self._rates[k]
+
+
+def _ahead(own: Array, places: Array) -> NDArray[np.bool_]:
+    """Say on which places the array of a follower at `own`, ``(5,)``, looks, ``(n,)``."""
+    to_places = places - own[:3]
+    bow = rotation_matrix(own[PITCH], own[YAW])[:, 0]
+    least = math.cos(math.radians(ARRAY_DEG)) * np.linalg.norm(to_places, axis=1)
+    return np.asarray(to_places @ bow > least)

@@ -381,10 +381,10 @@ def test_a_search_goes_to_light_that_has_no_pose(lab, scene, half, faint):
     while helm.law.state.name != "searching":
         helm.look()
         helm.check_command()
-    # Of key parameters: 1.5 detectors to starboard, one down.
-    parameters, glow = np.array([0.01, 1.5, 1.0, 0.3, 0.2]), Glow(-1.5 / half, -1.0 / half, 0.01)
+    # Of key parameters: one detector to starboard, two down.
+    parameters, glow = np.array([0.01, 1.0, 2.0, 0.3, 0.2]), Glow(-1.0 / half, -2.0 / half, 0.01)
     commands = []
-    for _ in range(30):
+    for _ in range(80):
         if faint:
             helm.look()
             helm.glimmer(parameters, glow)

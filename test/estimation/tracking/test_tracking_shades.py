@@ -30,7 +30,7 @@ def tracked(tracker, shaded, rng):
     return np.mean([square for k, square in squares if k > 10])
 
 
-@pytest.mark.parametrize(("shaded", "low", "high"), [(1.0, 1.0, 5.0), (0.0, 9.0, np.inf)])
+@pytest.mark.parametrize(("shaded", "low", "high"), [(1.0, 1.5, 5.0), (0.0, 9.0, np.inf)])
 def test_a_track_claims_no_more_than_errors_that_last_allow(shaded, low, high):
     settings = TrackerSettings(common_share=0.0)
     constants = Constants(unclear_lasts_s=LASTS_S)

@@ -13,8 +13,9 @@ space of A. Mourikis and S. Roumeliotis, *IEEE ICRA* 2007), and then correct the
 uncertain biases (S. F. Schmidt, *Advances in Control Systems* 3, 1966). What depends on both would
 teach errors of the motion's model and of linearisation, which are the same in each frame.
 
-Errors of readings that depend on the place, such as those of beam, response and converter, are no
-biases: they count as noise of each frame, so large that those of a second are no better than one.
+Errors of readings that depend on the place, of beam, response and converter, last for a second and
+are no biases but noise. In what corrects biases it is so large that the frames of `PLACE_S` count
+as one. The pose goes by the noise of single frames, as more of it would make the track late.
 """
 
 import math
@@ -30,10 +31,11 @@ from uuv_optical_array.estimation.tracking.track import RangeUse
 from uuv_optical_array.estimation.unknowns.constants import Constants, drift
 
 STATE = 10  # pose and rate, before the biases
-# Errors of readings that depend on the place: the time in which they change, s, and their size
-# relative to gain errors. Without them an unforeseen beam makes false tracks; twice as large, they
-# cost a tenth of the accuracy of the range in seas of the prior.
-PLACE_S, PLACE_SHARE = 1.0, 0.5
+# Errors of readings that depend on the place: the time in which they count as one, s, twice that in
+# which they change, as an Ornstein-Uhlenbeck process has it, and their size relative to gain
+# errors. Without them an unforeseen beam makes false tracks; twice as large, they cost a tenth of
+# the accuracy of the range in seas of the prior.
+PLACE_S, PLACE_SHARE = 2.0, 0.5
 VARIANCE_ROUNDING = 1e-14  # of a variance, which a correction may lose
 MOST_BLOCKS = 7  # by a side of the array: the detectors of a block have one gain error, their mean
 

@@ -14,9 +14,6 @@ changes nothing.
 
 A pose without readings is an observation of the pose itself. Its errors are noise, but for a share
 that all frames have in common, which stays out of the belief; poses in uneven light weigh less.
-
-Errors of readings that depend on the place and of poses in uneven light are alike from frame to
-frame: their variance is that of one in `PLACE_S`, however many frames come in that time.
 """
 
 import math
@@ -51,9 +48,9 @@ from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordin
 # Where constants are not known, what makes poses without readings broad is mostly the constants and
 # the shape of their posterior, not noise, and that is the same in all frames.
 BROAD_SHARE = 0.75
-# Where the scene does not name what makes light uneven, the variance of its poses is multiplied by
-# this factor.
-UNNAMED_DOUBT = 7.0
+# Errors of poses in uneven light are correlated: these count as one in this time, s. Where the
+# scene does not name what shades them, their variance is multiplied by this factor.
+UNEVEN_S, UNNAMED_DOUBT = 0.7, 7.0
 # Significance level of what readings say of the biases. Light that is not linear and differences
 # within a block of detectors make distances a tenth longer than those of the level 1e-4.
 UNLIKE = 1e-9
@@ -124,15 +121,14 @@ class Correction:
     ) -> Corrected:
         """Return a belief corrected by a frame, by its readings or its pose.
 
-        - step_s: time since the frame before, s.
+        - step_s: time since the last frame that corrected anything, s.
         """
-        alike = max(1.0, PLACE_S / step_s)
         if readings is None:
-            observation = self._of_pose(belief, frame, alike)
+            observation = self._of_pose(belief, frame, step_s)
             corrected = Deferred(lambda: correct(belief, observation))
             distance, _ = weigh(belief.covariance, observation)
             return Corrected(corrected, distance, lambda: cost(belief.covariance, observation))
-        result = self._by_readings(belief, frame, readings, alike)
+        result = self._by_readings(belief, frame, readings, step_s)
         distance = max(result.distance, pose_distance(belief, frame))
         return result._replace(distance=distance)
 
@@ -159,24 +155,24 @@ class Correction:
         if frame.readings is not None:
             mean[POSE] = frame.readings.at[:5]
             begun = belief._replace(mean=mean)
-            return self._by_readings(begun, frame, frame.readings, 1.0, begins=True).belief()
-        root = self._white_root(frame, 1.0)
+            return self._by_readings(begun, frame, frame.readings, math.inf).belief()
+        root = self._white_root(frame, math.inf)
         mean[POSE], covariance[POSE, POSE] = frame.pose, root @ root.T
         return belief._replace(mean=mean, covariance=covariance)
 
-    def _of_pose(self, belief: Belief, frame: Measurement, alike: float) -> Observation:
+    def _of_pose(self, belief: Belief, frame: Measurement, step_s: float) -> Observation:
         """Return what a frame's pose says."""
-        root = self._white_root(frame, alike)
+        root = self._white_root(frame, step_s)
         off, slopes = wrapped(frame.pose - belief.mean[POSE]), np.eye(5, len(belief.mean))
         white = solve_triangular(root, np.column_stack([off, slopes]), lower=True)
         return Observation(white[:, 0], white[:, 1:])
 
-    def _white_root(self, frame: Measurement, alike: float) -> Array:
+    def _white_root(self, frame: Measurement, step_s: float) -> Array:
         """Return the lower root of the covariance of the new errors of a frame's pose."""
         variance = 1 - self.common_share(frame)
         if frame.uneven:
             doubt = 1.0 if self._constants.names_shades else UNNAMED_DOUBT
-            variance *= doubt * alike
+            variance *= doubt * max(1.0, UNEVEN_S / step_s)
         return math.sqrt(variance) * frame.root
 
     def _by_readings(
@@ -184,42 +180,40 @@ class Correction:
         belief: Belief,
         frame: Measurement,
         readings: LinearisedReadings,
-        alike: float,
-        begins: bool = False,
+        step_s: float,
     ) -> Corrected:
         """Weigh a frame by its readings; the belief that they correct is left for later.
 
-        One that `begins` a track is accepted, as its fit was, and stays linear at that: far from
-        it, as at the prior's constants, readings mislead.
+        The first of a track, to which the step is infinite, is accepted, as its fit was, and stays
+        linear at that: far from it, as at the prior's constants, readings mislead.
         """
+        begins, alike = step_s == math.inf, max(1.0, PLACE_S / step_s)
         before = self._straight(belief)
         expected = np.concatenate([before.mean[POSE], self._space.offsets(belief)])
         bend = self._bend(before, expected, frame) if frame.bent else None
-        rows = self._rows(before, expected, bend, readings, alike)
-        # Only this part of the readings depends on the pose, and the gate needs no more.
-        of_pose = self._observation(orthonormal(rows[:, :5]).T @ rows)
-        distance, shift = weigh(before.covariance, of_pose)
+        rows = self._rows(before, expected, bend, readings)
+        distance, shift = weigh(before.covariance, self._of_pose_alone(rows))
 
         def cost_of_all() -> float:
             return cost(before.covariance, self._observation(triangular_factor(rows)))
 
         def finished() -> Belief:
-            used = rows
+            near = None
             # A frame beyond the gate is not of this track, wherever it is linearised.
             if frame.relinearise and not begins and distance <= self._gate:
                 further = expected.copy()
                 further[POSE] += RELINEARISE_AT * shift[POSE]
                 near = frame.near(self._coordinates.place(further)[0], self._constants)
-                used = rows if near is None else self._rows(before, expected, bend, near, alike)
+            used = readings if near is None else near
             # Turned so that each number depends on one error fewer than the one before it.
-            innovation, slopes = self._observation(triangular_factor(used))
-            others = slice(5, 5 + self._space.count)
-            of_biases = Observation(innovation[others], slopes[others])
+            lesson = triangular_factor(self._rows(before, expected, bend, used, alike))
+            of_biases = self._observation(lesson[5 : 5 + self._space.count])
             if not (begins or self._explained(before, of_biases)):
                 return belief._replace(unlike=belief.unlike + 1)
             taught = correct(before, of_biases)
-            left = innovation[:5] - slopes[:5] @ (taught.mean - before.mean)
-            of_pose = Observation(left, slopes[:5])
+            of_pose = self._of_pose_alone(self._rows(before, expected, bend, used))
+            left = of_pose.innovation - of_pose.slopes @ (taught.mean - before.mean)
+            of_pose = of_pose._replace(innovation=left)
             return self._curved(correct(taught, of_pose, teach=False))._replace(unlike=0)
 
         return Corrected(Deferred(finished), distance, cost_of_all)
@@ -243,12 +237,13 @@ class Correction:
         expected: Array,
         bend: SecondOrder | None,
         readings: LinearisedReadings,
-        alike: float,
+        alike: float = 1.0,
     ) -> Array:
         """Return slopes and innovations of readings, as `BiasSpace.whitened` has the residuals.
 
         - straight, expected: the belief, and its pose and constants, in straight coordinates.
         - bend: of the light; ``None``: it is linear.
+        - alike: how many frames share the errors of their place.
         """
         space, of, modes = self._space, self._space.constants, None
         if bend is not None:
@@ -266,6 +261,10 @@ class Correction:
     def _observation(self, turned: Array) -> Observation:
         """Return what readings say, by combinations of their `_rows`."""
         return Observation(turned[:, -1], turned[:, :-1] @ self._space.by_state)
+
+    def _of_pose_alone(self, rows: Array) -> Observation:
+        """Return what of readings depends on the pose, and on biases, five numbers."""
+        return self._observation(orthonormal(rows[:, :5]).T @ rows)
 
     def _explained(self, belief: Belief, of_biases: Observation) -> bool:
         """Say whether readings agree with the biases, whatever the pose."""

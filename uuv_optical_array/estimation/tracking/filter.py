@@ -197,7 +197,7 @@ class FrameFilter:
             readings = self._correction.readings(predicted, frame)
         taken = readings is not None or frame.uneven or not state.by_readings
         if taken:
-            step_s = (frame.stamp_ns - state.frame.stamp_ns) * 1e-9
+            step_s = (frame.stamp_ns - state.taken_ns) * 1e-9
             corrected = self._correction.correct(predicted, frame, readings, step_s)
         else:
             still = Deferred(lambda: predicted)

@@ -193,7 +193,7 @@ KINDS = (
             (1.05,), needs="sphere"),
     *_kinds("lamp_axis_{by:g}", seas.turned_lamp,
             "The lamp's beam points {by:g} deg to starboard of its frame's -x.",
-            "Turn the lamp, or `beacon`, by what `uuv_array calibrate` finds.",
+            "Turn the lamp back, or `beacon`, by what `uuv_array calibrate` finds.",
             (2.0,), "lamp_aim_std_deg"),
     *_kinds("scattering_x{by:g}", lambda sea, by: sea.offset(prior.SCATTERING, np.log(by)),
             "The water scatters twice as much.", SEA_CURE,

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pursuit import LIT_S, OPEN, SHORT, TICK_S, TIMEOUT_S, Pursuit, dark
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.darkness import POSED_S, Darkness, SearchSettings, Seen
+from uuv_optical_array.control.darkness import POSED_S, STEADY_RAD, Darkness, SearchSettings, Seen
 from uuv_optical_array.control.following import IMAGES_S, MEASURED_S, SURFACE_M_PER_S
 from uuv_optical_array.control.formation import RANGE_STDS
 from uuv_optical_array.control.formation_settings import FormationSettings
@@ -163,6 +163,56 @@ def test_light_whose_poses_are_refused_guides_no_search():
         pursuit.step()
         twin.step()
         np.testing.assert_array_equal(pursuit.own, twin.own)
+
+
+@pytest.mark.parametrize("way", [-1, 1])
+def test_a_bow_is_steady_where_it_points_as_the_mean_of_the_images_before(way):
+    """After 10 s it turns by half a radian: of the mean that is 10 / t less, for `BEFORE_S`."""
+    pose = np.array([-4.5, 0.0, 0.0, 0.0, way * 3.0])
+    motion = LeaderMotion(0.0, pose, 1e-4 * np.eye(5))
+    dark = Darkness(OPEN, SearchSettings(), 0.0, Seen(motion, motion, np.eye(5), 0.1, None))
+    for tick in range(1, 200):
+        turns = 0.5 * way / TICK_S if tick == 100 else 0.0
+        dark.advance(tick * TICK_S, np.array([0.0, 0.0, 0.0, 0.0, turns]))
+        off = 0.5 * 10.0 / (tick * TICK_S) if tick >= 100 else 0.0
+        if abs(off - STEADY_RAD) > 0.01:
+            assert dark.steady == (off < STEADY_RAD)
+
+
+@pytest.mark.parametrize("way", ["looked", "glimmered"])
+def test_after_a_turn_only_light_that_one_image_shows_guides_a_search(way):
+    (pursuit, _), (twin, _) = dark(), dark()
+    for each in (pursuit, twin):
+        each.until("searching")
+    for tick in range(30):
+        for each in (pursuit, twin):
+            each.following.moved(each.now, np.zeros(3), [0.0, 0.0, 1.0 if tick < 10 else 0.0])
+            each.step()
+        if tick >= 10:
+            getattr(pursuit.following, way)(pursuit.now, Glow(1.0, 0.0, 0.01))
+    assert (pursuit.own == twin.own).all() == (way == "glimmered")
+
+
+@pytest.mark.parametrize(("to_port", "up"), [(1, 0), (-1, 0), (0, 1)])
+def test_on_the_way_to_a_place_light_has_another_one_chosen(to_port, up):
+    """The way led to behind a leader that goes straight on; light is of one that turned."""
+    pose = np.array([-4.5, 0.0, 0.0, 0.0, 0.0])
+    motion = LeaderMotion(0.0, pose, 1e-4 * np.eye(5))
+    motion.speed = np.array([0.5, 0.0, 0.0])
+    seen = Seen(motion, motion, 1e-4 * np.eye(5), 0.1, (4.5, 1.0))
+    search = Darkness(OPEN, SearchSettings(), 0.0, seen)
+    for now_s in (4.5, 9.0):
+        search.advance(now_s, np.zeros(5))
+    search.begin_search(0.0)
+    for now_s in np.arange(9.0, 12.0, 0.1):
+        search.advance(now_s, np.zeros(5))
+        if now_s > 9.5:
+            search.face(Glow(float(to_port), float(up), 1e-3))
+        ahead, port, top = search.search(now_s).error[:3]
+        if now_s < 9.5:
+            assert ahead > 5.0
+            assert (port, top) == pytest.approx((0.0, 0.0), abs=0.1)
+    assert port * to_port + top * up > 2.0
 
 
 def test_a_glimpsed_pose_says_more_than_the_brightest_place_for_a_while():

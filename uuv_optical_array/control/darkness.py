@@ -23,6 +23,7 @@ from uuv_optical_array.control.leader.told_motion import Told
 from uuv_optical_array.control.steering import Aim, KeepOff, bow_to, polar
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.signature.faint_light import BEFORE_S
 
 LostAction = Literal["hold", "surface", "disengage"]
 
@@ -30,6 +31,7 @@ LostAction = Literal["hold", "surface", "disengage"]
 MOST_S, ARRIVED_S, ARRIVED_M = 25.0, 2.0, 1.0
 GLIMPSE_S = 8.0  # time for which a glimpse guides the search if no other follows
 PASSING_M = 0.5  # beyond the minimum distance, at which a lamp that may have stopped is passed
+STEADY_RAD = 0.3  # turn that leaves of a slope of daylight less than shows as faint light
 POSED_S = 1.0  # time for which a glimpsed pose says more than where the light is brightest
 SURE_M = 1.0  # standard deviation of where the leader is, m, beyond which a pose has to settle
 OTHER_M = 1.0  # from where the leader is expected, where a lamp may be another one
@@ -156,6 +158,8 @@ class Darkness:
         # Since something of the leader's light was seen, rad; whole turns count, too.
         self._turned = math.remainder(self.own[YAW] - self._last.own[YAW], 2 * math.pi)
         self.age_s = self.motion.unseen_s
+        # Since the light went, and its mean over the images that faint light is compared with, rad.
+        self._swung = self._swung_before = 0.0
         self._up = UP
         self._above_m, self._risen_at = 0.0, self._last.own[:3].copy()  # since light steered last
         self._heard_s = now_s - self.age_s  # of what was seen or told last
@@ -184,12 +188,16 @@ class Darkness:
         """
         before = self.own[YAW]
         step_s = self.motion.advance(now_s, twist)
-        self._turned += math.remainder(self.own[YAW] - before, 2 * math.pi)
+        turn = math.remainder(self.own[YAW] - before, 2 * math.pi)
+        self._turned += turn
+        self._swung += turn
         self._up = UP if up is None else self._to_body.T @ up
         self._above_m += float(self._up @ (self.own[:3] - self._risen_at))
         self._risen_at = self.own[:3].copy()
         self._now_s = now_s
         self.age_s += step_s
+        share = step_s / max(min(self.age_s, BEFORE_S), 1e-9)
+        self._swung_before += share * (self._swung - self._swung_before)
         self._belief.advance(step_s, self.own)
 
     def resume(self, covariance: Array) -> None:
@@ -265,12 +273,17 @@ class Darkness:
         self._goal = self._belief.glimpse(self.own, pose, covariance, self._light(self._glow))
         self._glimpsed_s = self._posed_s = self._planned_s = self._now_s
 
+    @property
+    def steady(self) -> bool:
+        """Whether the bow points where it did, so that daylight from one side lights it alike."""
+        return abs(self._swung - self._swung_before) < STEADY_RAD
+
     def face(self, glow: Glow) -> None:
         """Let light that gives no pose guide the search."""
         if abs(self._now_s - self._posed_s) <= POSED_S:
             return
         self._belief.face(self.own, glow, self._light(glow))
-        if not self._now_s - self._planned_s < ARRIVED_S:
+        if self._now_s - self._planned_s >= ARRIVED_S:
             self._planned_s = -math.inf  # it may be seen from another place now
         self._glimpsed_s = self._now_s
 

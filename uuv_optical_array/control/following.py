@@ -17,7 +17,8 @@ it is going.
 
 Light that comes back is not believed at once: a track that begins while the vehicles move, of few
 and dim images, may be false. Unless the leader is surely there, poses must agree for ``settle_s``
-and have a known range before they steer; until then each guides the search.
+and have a known range before they steer; until then each guides the search. So does light without a
+pose, also light that no single image shows, unless the follower has turned.
 
 If the leader's lamp goes out beside an equal one, that one is not followed but kept apart
 (`other_lamp`): the light falls suddenly, and what is left is not where the leader is expected.
@@ -135,10 +136,18 @@ class Following:
         if math.isnan(self._began_s):
             self._began_s = stamp_s
         if glow is not None:
-            self.glimmered(stamp_s, glow)
+            self._guide(stamp_s, glow)
 
     def glimmered(self, stamp_s: float, glow: Glow) -> None:
-        """Let light without a pose, at a stamp, s, guide a search, also what only a mean shows."""
+        """Let light that no single image shows, at a stamp, s, guide a search that does not turn.
+
+        Where the follower turns, daylight that comes from one side changes like such light.
+        """
+        if self._dark is not None and self._dark.steady:
+            self._guide(stamp_s, glow)
+
+    def _guide(self, stamp_s: float, glow: Glow) -> None:
+        """Let light without a pose guide a search."""
         refused = abs(stamp_s - self._refused_s) <= self._settings.light_timeout_s
         if self._dark is not None and self.state.name == "searching" and not refused:
             self._advance(self._dark, stamp_s)

@@ -14,8 +14,8 @@ how likely they are:
 So a search goes from the likely places to the others, wider as they spread, and comes back. A
 glimpse of light, whose pose is not to be trusted yet, adds a hypothesis and weighs the others: by
 the pose, and by how bright each would be. In dim light a pose knows little more than on which side
-the lamp is, and its brightness says that it is at the edge of the beam. Light without a pose does
-so by where on the array it is brightest.
+the lamp is, and its brightness says that it is at the edge of the beam. Light without a pose weighs
+the others by where on the array it is brightest, and moves each a little to where it fits best.
 """
 
 import math

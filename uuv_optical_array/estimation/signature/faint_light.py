@@ -2,8 +2,9 @@
 
 Of the images that show no light one mean follows the newest and another lags behind. What they
 differ by is light that came: daylight, its slope over the array, dark readings and unequal gains
-are in both. Its part that is smooth over the array, but not the same everywhere, is tested against
-the noise that the images themselves show.
+are in both, unless the array turns in daylight that comes from one side. Its part that is smooth
+over the array, but not the same everywhere, is tested against the noise that the images themselves
+show.
 """
 
 import math

@@ -36,7 +36,8 @@ CAUSES = {
     "repeated stamp": "Two frames have the same stamp.",
     "stamp not later": "A stamp is repeated, missing, or in the wrong order.",
     "stamp ahead": (
-        "The stamp of an image, a range or the leader's motion is ahead of the node's clock."
+        "The stamp of an image, a range or the leader's motion is more than 0.3 s ahead of the "
+        "node's clock."
     ),
     "wrong frame": "The track is not in `beacon_frame`.",
     "no image": (
@@ -108,7 +109,10 @@ CAUSES = {
         "is estimated from the others."
     ),
     "coasting": "No pose steers; the follower goes on as its leader did.",
-    "searching": "No light steered for `coast_s`, or from the start, or `~/search` was called.",
+    "searching": (
+        "The follower looks for its leader: no sign of it came for `coast_s`, no light to steer by "
+        "came from the start, or `~/search` was called."
+    ),
     "lost": "The search ended after `search_time_s`, or because no image came for 2 s.",
     "slow station": (
         "The station is near the minimum distance, so the follower goes slowly, to stop in time "

@@ -34,8 +34,8 @@ def troubles() -> list[str]:
     parts = [
         "# Kinds of trouble",
         "The troubles of a follower in `uuv_array study envelope` "
-        "([results](../results/envelope.md)). Of them the estimator knows only the clouds of "
-        "`night_plume`. Unless a kind says otherwise:",
+        "([results](../results/envelope.md)). The scene of the estimator names none of them "
+        "but the clouds of `night_plume`. Unless a kind says otherwise:",
         "- The leader sets off once all followers are locked, and moves at 0.5 m/s: straight on in "
         "the groups Darkness and Leader and in a chain, else on the demonstration's path.\n"
         "- Currents and other speeds begin as the leader sets off, its manoeuvres 15 s later.\n"

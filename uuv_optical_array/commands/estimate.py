@@ -64,7 +64,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     bag.add_bag(parser, SETTINGS)
     options.add_scene(parser, "follow")
     options.add_method(parser)
-    filtered = "filter the frames, and learn the constants"
+    filtered = "filter the frames, and by least_squares learn the constants"
     parser.add_argument("--track", action="store_true", help=filtered)
     light.add_tables(parser)
     about = "take a part of the poses, or its error, as known: its column, or the given value; may "

@@ -1,4 +1,4 @@
-"""The demonstration's two vehicles: a leader on its path and a follower that obeys ``cmd_vel``.
+"""The demonstration's vehicles: a leader on its path and a follower that obeys ``cmd_vel``.
 
 The leader sets off once every follower has been commanded, which the formation control does from
 the first pose on, and has the fit that it will keep: while a fit is compiled, frames may be late.
@@ -64,7 +64,7 @@ PARAMETERS = {
     ),
     "vehicle_model": Parameter(
         "kinematic",
-        Quantity("model of both vehicles: velocities within limits, or a BlueROV2"),
+        Quantity("model of the vehicles: velocities within limits, or a BlueROV2"),
         True,
         tuple(MODELS),
     ),
@@ -84,7 +84,7 @@ PARAMETERS = {
     "command_timeout_s": Parameter(
         1.0, Quantity("age of cmd_vel beyond which its vehicle stops", "s", 0.05, 60)
     ),
-    "world_frame": Parameter("odom", Quantity("frame of both odometries"), True),
+    "world_frame": Parameter("odom", Quantity("frame of the odometries"), True),
 }
 
 

@@ -183,7 +183,7 @@ SHARED = {
     "beacon_position_m": Parameter([0.0, 0.0, 0.0], BEACON_POSITION, True),
     "odometry_axes": Parameter(
         "flu",
-        Quantity("axes of both odometries: REP 103, or NED and forward-right-down"),
+        Quantity("axes of the odometries: REP 103, or NED and forward-right-down"),
         True,
         get_args(Axes),
     ),

@@ -130,7 +130,10 @@ SEA_CURE = f"{WATER_CURE} `prior.scattering_std`."
 BEAM_CURE = "Calibrate the mounted lamp."
 SHAPE_CURE = "Name the lamp's file in `lamp.photometry`, or calibrate with a `beam_shape_std`."
 AMBIENT_CURE = "Measure with the lamp off and set `effects.ambient`, or shield the array."
-GRADIENT_CURE = f"{AMBIENT_CURE} A track may learn the slope while the range changes."
+GRADIENT_CURE = (
+    "Shield the array, or widen `prior.ambient_gradient_std_counts`. A track may learn the slope "
+    "while the range changes."
+)
 LAMP_CURE = "Cover or switch off other lamps, or modulate the leader's."
 CARRIER_CURE = "Give each leader its own carriers, at least 100 Hz from all others."
 GAIN_CURE = "Calibrate the gains; clean the windows."

@@ -73,7 +73,7 @@ CAUSES = {
     "range std": "The range's standard deviation is out of bounds.",
     "false range": "The range is too far from the track: an echo, or lamp or sea have changed.",
     "late range": "The range is more than `buffer_s` older than the newest frame of the track.",
-    "repeated range": "Two ranges have the same stamp; only the first is used.",
+    "repeated range": "From Python, two ranges have the same stamp; only the first is used.",
     "range without light": "No pose is near the range in time. A range alone gives none.",
     "late motion": "The message of the leader's motion is older than 3 s.",
     "motion": "The leader's motion is out of bounds.",

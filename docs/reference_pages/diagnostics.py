@@ -49,8 +49,8 @@ VALUES = (
     (
         "`angle_rad`, `runner_up_angle_rad`",
         "estimator",
-        "spectral angle to the nearest signature or, by `least_squares`, start of the fit, and to the "
-        "runner-up",
+        "spectral angle to the nearest signature or, by `least_squares`, start of the fit, and to "
+        "the runner-up",
     ),
     (
         "`misfit`, `runner_up_misfit`",

@@ -77,7 +77,7 @@ REFUSALS = {
     "late range": (
         "Reduce the load of the computer, check that all clocks agree, or raise `buffer_s`."
     ),
-    "repeated range": "Let the sensor stamp each range; look for a second publisher on `range`.",
+    "repeated range": "Give each range its own stamp.",
     "range without light": "If there is light, check that all clocks agree.",
     "late motion": "Check the delay of the modem, and that all clocks agree.",
     "motion": _DRIVER,

@@ -193,7 +193,8 @@ KINDS: tuple[Kind, ...] = (
          SINCE_S + 5 + HOME_S, until_s=SINCE_S + 5, dark_s=(SINCE_S, SINCE_S + 5),
          motion=Course(((0, 0), (1 / RAMP_M_PER_S2, 1.0)))),
     Kind("dim_aside", "darkness",
-         "The lamp is off for 10 s; about then the leader goes 3 to 4 m aside, up or down.",
+         "The lamp is off for 10 s; about then the leader stops and goes 3 to 4 m aside, up or "
+         "down.",
          SINCE_S + 10 + HOME_S, until_s=SINCE_S + 10, dark_s=(SINCE_S, SINCE_S + 10),
          drawn=dim_aside),
     Kind("dim_turned", "darkness",

@@ -131,7 +131,10 @@ WARNINGS = {
 
 # Errors of the set-up: the node does not work until it is corrected. ERROR.
 ERRORS = {
-    "table": "Build it with `uuv_array table`, or empty the parameter `table`.",
+    "table": (
+        "Build it with `uuv_array table`, or empty the parameter `table`; correct the grid in the "
+        "scene's `table` if it has too few or too many rows."
+    ),
     "scene": "Correct the scene's `table` or its lamp.",
 }
 

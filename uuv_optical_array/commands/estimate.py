@@ -4,8 +4,8 @@ Estimate a pose from every image by itself, with any scene and method, on all co
 allows fewer). The command writes a folder: frames.csv (a line for each image), bag (MCAP, with
 relative_pose), relative_pose.tum and, if the bag has both odometries, truth.tum. With --track it
 does what feature and estimator node do by default: it also filters the frames in their order, with
-the follower's commands if the bag has any, and adds relative_odometry. Bags without metadata.yaml are
-read, and so are the complete messages of a truncated MCAP file.
+the follower's commands if the bag has any, and adds relative_odometry. Bags without metadata.yaml
+are read, and so are the complete messages of a truncated MCAP file.
 
   uuv_array estimate sea                                by the default scene, into sea_estimates
   uuv_array estimate sea --scene sea.yaml -o again      by another scene

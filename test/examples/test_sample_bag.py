@@ -45,3 +45,10 @@ def test_errors_of_poses_reach_the_fit_in_metres_and_degrees(sample, tmp_path):
     drive = sample.images, sample.poses, sample.rolls
     for one in calibrate(load_scene("follow"), *drive, pose_std=stds).parameters:
         assert told[one.name]["fitted"] == pytest.approx(one.value, rel=1e-6), one.name
+
+
+def test_what_is_no_parameter_is_refused_before_the_bag_is_read(tmp_path):
+    line = run("calibrate", tmp_path / "no_bag", "--hold", "lamp.gaussian", code=2)
+    assert "hold lamp.gaussian: unknown; choose from lamp.power, lamp.beam_sigma_deg," in line
+    assert "beam_weights" not in line
+    assert line.endswith("ambient.level_counts, gains")

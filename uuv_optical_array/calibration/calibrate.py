@@ -41,6 +41,19 @@ NOISE_ROUNDS = 4
 DARK, LEAST_LIT = 5.0, 0.01  # standard deviations of a dark reading; share of a lamp's readings
 
 
+def what_is_fitted(scene: Scene, hold: Collection[str] = ()) -> tuple[Scene, Layout]:
+    """Return a scene as it is fitted, and its parameters; ValueError for others in `hold`."""
+    if scene.prior.beam_shape_std > 0:
+        scene = dataclasses.replace(scene, lamp=of_three(scene.lamp))
+    layout = Layout(scene)
+    there = [name for i, name in enumerate(layout.names) if i not in layout.lacking]
+    for name in hold:
+        if name not in (*layout.names, "gains"):
+            choice = ", ".join([*there, "gains"])
+            raise ValueError(f"hold {name}: unknown; choose from {choice}")
+    return scene, layout
+
+
 def calibrate(
     scene: Scene,
     images: ArrayLike,
@@ -88,13 +101,8 @@ def calibrate(
         if not np.isfinite(values).all():
             raise ValueError(f"{name}: not finite; leave such frames out")
     started = scene
-    if scene.prior.beam_shape_std > 0:
-        scene = dataclasses.replace(scene, lamp=of_three(scene.lamp))
-    layout = Layout(scene)
+    scene, layout = what_is_fitted(scene, hold)
     names = layout.names
-    for name in hold:
-        if name not in (*names, "gains"):
-            raise ValueError(f"hold {name}: unknown; choose from {', '.join((*names, 'gains'))}")
     if fit_noise and "sensor_noise" not in scene.effects:
         raise ValueError(f"scene {scene.name}: no effects.sensor_noise to fit; add it")
     if pose_std is not None:

@@ -36,7 +36,7 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.calibration.calibrate import calibrate, what_is_fitted
 from uuv_optical_array.calibration.clock import synchronised
 from uuv_optical_array.calibration.report import as_json, report
 from uuv_optical_array.calibration.result import Calibration
@@ -96,6 +96,8 @@ def run(args: argparse.Namespace) -> int:
     scene = options.scene_of(args)
     if args.noise and "sensor_noise" not in scene.effects:
         raise options.OptionError(f"--noise: no effects.sensor_noise in {scene.name}; add it")
+    with options.checking_options():
+        what_is_fitted(scene, args.hold)
     table = args.places and files.user_path(args.places)
     if table is not None and stds.any():
         raise options.OptionError(

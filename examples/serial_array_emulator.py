@@ -27,12 +27,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from cobs import cobs
 
 from uuv_optical_array import ForwardModel
 from uuv_optical_array.calibration.acceptance import in_air
 from uuv_optical_array.core.messages import as_wired
 from uuv_optical_array.forward.scene import Scene, load_scene
+
+try:
+    from cobs import cobs
+except ImportError as error:
+    raise SystemExit(f"{error}; run: python3 -m pip install cobs") from None
 
 SWEEP_S = 8.0  # that a sweep of the torch takes
 TORCH_M, TORCH_SHARE = 0.2, 0.6  # from the array; share of full scale in front of a detector

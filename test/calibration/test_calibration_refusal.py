@@ -12,6 +12,8 @@ from scenes import changed
 from scipy import stats
 
 from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.calibration.fit.fit import CalibrationFit
+from uuv_optical_array.calibration.likelihood.likelihood import CalibrationLikelihood
 from uuv_optical_array.calibration.likelihood.parameters import (
     BACKGROUND,
     COSINE_POWER,
@@ -23,6 +25,7 @@ from uuv_optical_array.calibration.likelihood.parameters import (
     SIZE,
     K,
 )
+from uuv_optical_array.calibration.notes import notes_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import (
     ABSORPTION,
@@ -283,3 +286,14 @@ def test_the_command_writes_a_wrong_scene_only_by_force(tmp_path, capsys):
     forced = load_scene(output)
     run(*words)
     assert load_scene(output).settings() != forced.settings()
+
+
+def test_gains_that_depend_on_the_gain_of_a_detector_name_it():
+    """As of a fit that has gone astray."""
+    images, poses, rolls = recorded(scene_of(), 15, seed=1)
+    fit = CalibrationFit(CalibrationLikelihood(scene_of(), images, poses, rolls, None), (), int)
+    first = fit.likelihood.layout.gains
+    gains = range(first, first + 9)
+    fit.unknown, fit.correlated = frozenset(gains), dict.fromkeys(gains, first + 5)
+    told = notes_of(scene_of(), fit, ())
+    assert [note for note in told if "most with the gain of [1, 2];" in note] == [told[0]]

@@ -181,9 +181,10 @@ def _undetermined(fit: CalibrationFit) -> list[str]:
             notes.append(f"{', '.join(told)} {verb} not known: {advice(fit, kind)}")
     gains = sorted(i for i in fit.unknown if i >= first)
     for cause in sorted({fit.correlated[i] for i in gains if i in fit.correlated}):
+        most = names[cause] if cause < first else f"the gain of {[*divmod(cause - first, side)]}"
         notes.append(
             "the gains are not known: they are correlated with the parameters above that are not "
-            f"known, most with {names[cause]}; they keep their values"
+            f"known, most with {most}; they keep their values"
         )
     if unlit := [divmod(i - first, side) for i in gains if i not in fit.correlated]:
         cells = ", ".join(f"[{row}, {column}]" for row, column in unlit)

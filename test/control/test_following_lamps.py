@@ -60,6 +60,20 @@ def test_a_lamp_is_held_apart_where_one_went_out_and_until_another_is_lit(left, 
         assert DOUBT in pursuit.following.state.reason
 
 
+@pytest.mark.parametrize("aside", [1.5, 8.0])
+def test_a_search_that_is_told_takes_whatever_lamp_it_finds(aside):
+    """Also where it is told at once after a lamp went out, and where the leader cannot be."""
+    pursuit = Pursuit(search=SHORT)
+    pursuit.peak = 100.0
+    pursuit.run(LIT_S)
+    pursuit.peak, pursuit.aside = 10.0, np.array([0.0, aside, 0.0])
+    pursuit.until("coasting")
+    pursuit.following.search(pursuit.now)
+    pursuit.run(SHORT.settle_s + 0.5)
+    assert pursuit.state == "locked"
+    assert DOUBT in pursuit.following.state.reason
+
+
 def beside(seconds=6.0, peak=10.0, turn=0.0):
     """Return a pursuit whose lamp went out `seconds` ago, 1.5 m beside another, which is dimmer.
 

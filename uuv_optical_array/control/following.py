@@ -107,6 +107,7 @@ class Following:
         self._began_s = math.nan  # when the first image came
         self._twist: Array = np.zeros(5)  # commanded last
         self._measured: OwnMotion | None = None
+        self._any_lamp = False  # whether it was told to search, and takes what it finds
 
     def configure(
         self, settings: FormationSettings, search: SearchSettings = DEFAULT_SEARCH
@@ -190,12 +191,16 @@ class Following:
         self._law.leader.take(now_s, message)
 
     def search(self, now_s: float) -> None:
-        """Search for the leader now, from where the follower is, and for the whole time."""
+        """Search for the leader now, from where the follower is, and for the whole time.
+
+        Whatever lamp it finds is followed.
+        """
         if self._dark is None:
             self._go_dark(now_s, self._seen)
         assert self._dark is not None
         self._dark.begin_search(self._dark.age_s)
-        self._seen = self._lamps.other = None  # whatever lamp it finds
+        self._seen = self._lamps.other = None
+        self._any_lamp = True
         self._to("searching", now_s, "it was told to")
 
     def update(
@@ -242,7 +247,7 @@ class Following:
             if dark is not None:
                 found = f"light came back {dark.found(pose, self._lamps.met)}"
             self._to("locked", stamp_s, found)
-            self._dark = None
+            self._dark, self._any_lamp = None, False
 
     def _expected(self, dark: Darkness, stamp_s: float, pose: Array, covariance: Array) -> bool:
         """Correct where the leader is by a pose in the dark; say whether it surely is the leader's.
@@ -250,7 +255,7 @@ class Following:
         Outlier for one that is not, while the follower coasts; else it guides the search.
         """
         self._advance(dark, stamp_s)
-        if dark.leader is not None:
+        if dark.leader is not None and not self._any_lamp:
             reached = dark.within_reach(pose, covariance)
             self._hold_apart(stamp_s, pose, covariance, dark.leader, reached)
         if self.state.name == "coasting":

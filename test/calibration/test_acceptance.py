@@ -143,6 +143,7 @@ def test_air_takes_the_water_away_and_widens_the_beam():
     air = in_air(SCENE)
     assert set(air.effects) == {"sensor_noise", "saturation", "adc"}
     assert air.lamp.beam_sigma_deg == pytest.approx(8 * 1.34)
+    assert "plume" not in in_air(load_scene("night_plume")).effects
     # Of the same lamp: dimmer by refraction alone, where there is no water to take away.
     clear = load_scene("ideal")
     assert in_air(clear).lamp.reference_counts == pytest.approx(

@@ -226,7 +226,7 @@ def in_air(scene: Scene) -> Scene:
     On its axis a lamp is dimmer by the square of the index, and brighter by what the water takes.
     """
     settings = scene.settings()
-    for name in ("sea", "attenuation", "forward_scatter", "ambient"):
+    for name in ("sea", "attenuation", "forward_scatter", "plume", "ambient"):
         settings["effects"].pop(name, None)
     settings["prior"] = {}
     for lamp in (settings["lamp"], *settings.get("lamps", ())):

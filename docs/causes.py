@@ -110,8 +110,9 @@ CAUSES = {
     ),
     "coasting": "No pose steers; the follower goes on as its leader did.",
     "searching": (
-        "The follower looks for its leader: no sign of it came for `coast_s`, no light to steer by "
-        "came from the start, or `~/search` was called."
+        "The follower looks for its leader: no sign of it came for `coast_s`, no pose to steer by "
+        "for the longer of `coast_s` and `search_time_s`, no light to steer by came from the "
+        "start, or `~/search` was called."
     ),
     "lost": "The search ended after `search_time_s`, or because no image came for 2 s.",
     "slow station": (

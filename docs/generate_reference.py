@@ -38,9 +38,9 @@ def api() -> list[str]:
     found = {name: getattr(uuv_optical_array, name) for name in names}
     parts = [
         "# Python API",
-        "What `import uuv_optical_array` offers. Poses are x, y, z in m and pitch, yaw in rad, of "
-        "the follower in the lamp's frame. Images are counts, row 0 at the top, column 0 at the "
-        "port edge, `(side, side)`, or `(L side, side)` of L lamps.",
+        "What `import uuv_optical_array` offers, beside `__version__`. Poses are x, y, z in m and "
+        "pitch, yaw in rad, of the follower in the lamp's frame. Images are counts, row "
+        "0 at the top, column 0 at the port edge, `(side, side)`, or `(L side, side)` of L lamps.",
     ]
     lines = ["```{eval-rst}"]
     for name, thing in found.items():

@@ -93,7 +93,7 @@ def diagnostics() -> list[str]:
         "# Diagnostics",
         "The warnings and errors on `/diagnostics` by the beginning of their texts, with cause "
         "and, in italics, cure. Causes after a colon are examples. A topic and a comma may stand "
-        "before a text. "
+        "before a text. An error that names a missing module says how to install it. "
         "[Operations](../how_to/operations.md) says where to begin.",
     ]
     for heading, kinds in (

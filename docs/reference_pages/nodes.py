@@ -200,6 +200,9 @@ def topics() -> list[str]:
                 "feature node; by the other methods `array/features` and, with `use_image`, the "
                 "image of the same stamp. With `use_commands`, `use_imu` and `use_range` also "
                 "`cmd_vel`, `imu` and `range`.",
+                "- `follower_node`: only its feature node takes `array/image`. Images, key "
+                "parameters and tracks go from node to node without a topic; key parameters and "
+                "tracks are published, too.",
                 "- `formation_node`: `odometry` with `use_odometry`, `leader/odometry` with "
                 "`use_leader_odometry`. Its services are `~/engage` (std_srvs/SetBool) and "
                 "`~/search` (std_srvs/Trigger).",

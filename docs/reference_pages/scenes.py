@@ -71,7 +71,7 @@ def effects() -> list[str]:
     """Return the page of the effects."""
     parts = [
         "# Effects",
-        "A scene has only the effects that it names. "
+        "A scene has only the effects that it, or one that it extends, names. "
         "[Light and noise](../explanation/light.md#effects) explains the forms in brackets, and "
         "which settings exclude each other. Settings are shown as in [a scene](scene.md). One "
         "without a default must be given, except where one of several ways is enough.",

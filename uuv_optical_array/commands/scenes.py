@@ -52,7 +52,7 @@ OWNERS: dict[str, Callable[..., Any]] = {
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     names = "of a scene, a group, an effect or a key; schema: the JSON schema of scenes"
-    parser.add_argument("name", nargs="?", help=f"{names} (default: list all scenes)")
+    parser.add_argument("name", nargs="?", help=f"{names} (default: list the ready scenes)")
     outputs.add_picture(parser, None, about="picture of the beam beside a scene's photometric file")
 
 
@@ -172,7 +172,7 @@ def explanation(name: str) -> Iterator[str]:
         return full == name or full.endswith(f".{name}")
 
     if name == "effects":
-        yield "A scene has only the effects that it names:"
+        yield "A scene has only the effects that it, or one that it extends, names:"
         for effect, entry in EFFECTS.items():
             yield f"  {effect:<17}{summary(entry.function)}"
     for owner_name, owner in OWNERS.items():

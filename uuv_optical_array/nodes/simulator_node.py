@@ -42,7 +42,10 @@ PARAMETERS = {
     ),
     "code_by_vehicle": Parameter(
         True,
-        Quantity("whether `demodulation` separates other vehicles' lamps from the leader's"),
+        Quantity(
+            "give other vehicles' lamps codes of their own, which demodulation by square or sine "
+            "separates"
+        ),
         True,
     ),
     "range_std_m": Parameter(

@@ -38,7 +38,7 @@ FOLLOW = {
         "",
         "prefix of each frame's name that does not begin with /, such as `rov_2/`",
     ),
-    "leader_frame": ("", "the leader's frame on /tf"),
+    "leader_frame": ("", "frame of the leader, to which /tf_static ties that of the lamp"),
     "one_process": ("false", "run feature, estimator and formation node in follower_node"),
     "simulator": ("true", "simulate the images; false: an array takes them"),
     "leader_odometry": (

@@ -139,7 +139,7 @@ CARRIER_CURE = "Give each leader its own carriers, at least 100 Hz from all othe
 GAIN_CURE = "Calibrate the gains; clean the windows."
 FAULT_CURE = "Repair it, or name it in `effects.detector_faults` until then."
 SHADE_CURE = "Clean lamp and array; keep hull and cables out of the beam."
-ARRAY_CURE = "Calibrate the array as built, and measure its sphere."
+ARRAY_CURE = "Measure width and sphere of the array as built, and calibrate it."
 SIGNAL_CURE = "Check the array's power, plug and wiring: this is not the lamp's light."
 
 # fmt: off

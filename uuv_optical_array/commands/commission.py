@@ -39,9 +39,7 @@ from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
 
 MODULATED = "the array sees modulated light only: move one of the lamps, lit, in place of the torch"
-AHEAD = (
-    "distance of the lamp ahead of base_link; adds the acceptance test, the lamp at its end"
-)
+AHEAD = "add the acceptance test, which ends with the lamp at this distance ahead of base_link"
 LAMP = Quantity(AHEAD, "m", 0.3, 100)
 TELL_S, PATIENCE_S = 15.0, 600.0  # without anything new: until it is reported, and until the end
 

@@ -346,7 +346,7 @@ class ForwardModel(Readout):
             yield rays, np.stack(np.broadcast_arrays(*one[3:]))
 
     def expected(self, poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
-        """Image without noise and converter: `light`, up to the level of the effect `saturation`."""
+        """Image without noise and converter: `light`, up to the level of `saturation`."""
         return np.minimum(self.light(poses, roll), self.saturation_counts)
 
     def expose(

@@ -13,7 +13,7 @@ VALUES = (
     ("`taken`", "formation", "poses that it took; `answered` counts commands"),
     (
         "`passed_over`",
-        "feature in `follower_node`, else estimator",
+        "feature in `follower_node`, else estimator with `use_image`",
         "images, or their key parameters, left out for newer ones",
     ),
     (

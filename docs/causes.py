@@ -37,7 +37,7 @@ CAUSES = {
     "stamp not later": "A stamp is repeated, missing, or in the wrong order.",
     "stamp ahead": (
         "The stamp of an image, a range or the leader's motion is more than 0.3 s ahead of the "
-        "node's clock."
+        "node's clock. Of images and ranges in a row only the first is refused."
     ),
     "wrong frame": "The track is not in `beacon_frame`.",
     "no image": (

@@ -76,6 +76,29 @@ def test_a_topic_that_lags_behind_another_is_as_old_as_it_is(monkeypatch, late_s
         assert sea.age_s(late_s, "track") == pytest.approx(late_s, abs=1e-6)
 
 
+@pytest.mark.parametrize("off_s", [-30.0, 0.2, 1.5, 30.0])
+@pytest.mark.parametrize("first", ["features", "leader/odometry"])
+def test_a_leader_whose_clock_is_off_does_not_make_images_older(monkeypatch, off_s, first):
+    sea = Sea(monkeypatch)
+    told = []
+    for i in range(60):
+        if i or first == "features":
+            assert sea.age_s() == pytest.approx(LATENCY_S, abs=1e-6)
+        if i % 10 == 0:
+            told.append(sea.age_s(LATENCY_S - off_s, "leader/odometry"))
+    assert told[1:] == pytest.approx([LATENCY_S - off_s] * len(told[1:]), abs=1e-6)
+
+
+@pytest.mark.parametrize("step_s", [-30.0, 30.0])
+def test_without_images_other_stamps_tell_that_a_clock_was_set(monkeypatch, step_s):
+    sea = Sea(monkeypatch)
+    ages = [sea.age_s(topic=topic) for topic in ("features", "odometry") * 5]
+    sea.now_s += 3.0
+    sea.sensor_s += step_s
+    ages += [sea.age_s(topic=topic) for topic in (*["odometry"] * 5, "features")]
+    assert ages == pytest.approx([LATENCY_S] * len(ages), abs=1e-6)
+
+
 @pytest.mark.parametrize(("off_s", "taken_s"), [(0.0, LATENCY_S), (-3600.0, 0.0)])
 def test_a_clock_that_drifts_with_the_sensors_is_followed(monkeypatch, off_s, taken_s):
     """By 50 ppm, as NTP slews both: half a second in three hours. One may be off all the while."""

@@ -129,7 +129,7 @@ CAUSES = {
         "A follower still lacks its first command, its leader's light or its compiled fit."
     ),
     "table": (
-        "The folder is missing, incomplete, damaged, or of another scene or version; or its table "
+        "The folder is missing, incomplete, damaged, or of another scene or version; or the table "
         "has fewer than two rows, or is too large for the memory."
     ),
     "scene": "No pose of the scene's table has light, or the table is too large for the memory.",

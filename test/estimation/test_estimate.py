@@ -159,6 +159,11 @@ def test_a_table_of_one_row_is_refused_and_two_rows_are_enough(small):
     table = small.table
     with pytest.raises(ValueError, match="1 row"):
         Estimator(SignatureTable(table.scene, table.poses[:1], table.parameters[:1]))
+    spans = {key: [0.0, 0.0, 1] for key in ("y_m", "z_m", "pitch_deg", "yaw_deg")}
+    point = changed(table.scene, table={**spans, "x_m": [-5.0, -5.0, 1]})
+    for method in ("sam", "sam_interpolated"):
+        with pytest.raises(ValueError, match="table: 1 row; a match needs at least two"):
+            Estimator(point, method)
     with pytest.raises(ValueError, match="neighbours: 1; the runner-up needs at least 2"):
         Estimator(table, "sam", neighbours=1)
     for rows in ([1, 0], [1, 1]):

@@ -80,6 +80,12 @@ class EstimatorSettings:
     ] = 1e-5
 
 
+def _check_rows(table: SignatureTable) -> None:
+    """Raise ValueError for a table in which a match has no runner-up."""
+    if len(table.poses) < 2:
+        raise ValueError(f"table: {len(table.poses)} row; a match needs at least two")
+
+
 class Estimator:
     """Estimate poses in a scene.
 
@@ -127,8 +133,8 @@ class Estimator:
         expect(source, (Scene, SignatureTable), "source", "a scene, as load_scene returns it")
         if method not in METHODS:
             raise ValueError(f"method: {method!r} is unknown; choose {' or '.join(METHODS)}")
-        if isinstance(source, SignatureTable) and len(source.poses) < 2:
-            raise ValueError(f"table: {len(source.poses)} row; a match needs at least two")
+        if isinstance(source, SignatureTable):
+            _check_rows(source)
         if neighbours < 2:
             raise ValueError(f"neighbours: {neighbours}; the runner-up needs at least 2")
         self._source, self._asked = source, compiled
@@ -147,7 +153,11 @@ class Estimator:
     @cached_property
     def table(self) -> SignatureTable:
         """The signature table that the sam methods search."""
-        return build_table(self._source) if isinstance(self._source, Scene) else self._source
+        if isinstance(self._source, SignatureTable):
+            return self._source
+        table = build_table(self._source)
+        _check_rows(table)
+        return table
 
     @cached_property
     def _compiler(self) -> BackgroundCompiler | None:

@@ -69,7 +69,7 @@ class Pursuit:
         if self.light:
             place = self.place() - self.aside
             own = self.to_leader().apply(self.to_world().apply(self.twist[:3]))
-            past = own - self.speed - np.cross([0, 0, self.turn], place)
+            past = own - self.speed - self.turn * np.array([-place[1], place[0], 0.0])
             rate = [*past, self.twist[3], self.twist[4] - self.turn]
             pose = [*place, self.attitude[0] - self.bow, self.attitude[1] - self.heading]
             try:

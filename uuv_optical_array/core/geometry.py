@@ -103,9 +103,12 @@ def rotation_matrix(pitch: ArrayLike, yaw: ArrayLike, roll: ArrayLike = 0.0) -> 
     if isinstance(pitch, float) and isinstance(yaw, float) and isinstance(roll, float):
         # For one pose in a tenth of the time.
         return np.array(rotation(pitch, yaw, roll))
-    rows = rotation(*(np.asarray(angle, dtype=float) for angle in (pitch, yaw, roll)))
-    entries = np.stack(np.broadcast_arrays(*rows[0], *rows[1], *rows[2]), axis=-1)
-    return entries.reshape(*entries.shape[:-1], 3, 3)
+    angles = [np.asarray(angle, dtype=float) for angle in (pitch, yaw, roll)]
+    matrix = np.empty((*np.broadcast(*angles).shape, 3, 3))
+    for i, row in enumerate(rotation(*angles)):
+        for j, entry in enumerate(row):
+            matrix[..., i, j] = entry
+    return matrix
 
 
 def roll_pitch_yaw(matrix: ArrayLike) -> tuple[Array, Array, Array]:

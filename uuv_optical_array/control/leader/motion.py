@@ -232,7 +232,9 @@ def seen_at(own: Array, pose: Array) -> tuple[Array, Array]:
 
 def turning(turn: Array, place: Array) -> Array:
     """Return the velocity of a place that turns by a pitch and yaw rate, rad/s, ``(3,)``."""
-    return np.cross([0.0, *turn], place)
+    pitch, yaw = turn
+    x, y, z = place
+    return np.array([pitch * z - yaw * y, yaw * x, -pitch * x])
 
 
 def slopes(pose: Array, heading: Array) -> Array:

@@ -8,6 +8,7 @@ an uneven shade such as a cloud of sediment causes.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -340,6 +341,11 @@ def shade_modes(side: int) -> Array:
     They are orthogonal to each other and to an even shade, which acts like the lamp's power, and
     have a mean square of 1; with fewer than six detectors some are 0. Shape ``(5, side * side)``.
     """
+    return _shade_modes(side).copy()
+
+
+@cache
+def _shade_modes(side: int) -> Array:
     u, v = (axis.ravel() for axis in over_array(side))
     powers = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v])
     modes: list[Array] = []

@@ -43,7 +43,10 @@ def appearing(poses: Array, rolls: Array, aims: Array, bow_m: float) -> tuple[Ar
     motion = np.zeros((len(poses), 2, 3, 10))  # shift and turn
     motion[:, 0, :, :3] = np.eye(3)
     for columns, (axes, pivot) in zip((slice(3, 6), slice(6, 8), slice(8, 10)), turns, strict=True):
-        motion[:, 0, :, columns] = np.cross(axes, (place - pivot)[..., None], axis=-2)
+        u, v, w = np.moveaxis(axes, -2, 0)
+        x, y, z = (place - pivot).T[..., None]
+        turned = v * z - w * y, w * x - u * z, u * y - v * x
+        motion[:, 0, :, columns] = np.stack(turned, axis=1)
         motion[:, 1, :, columns] = axes
     return seen, roll, _by_motion(seen) @ (lamp.T @ motion).reshape(-1, 6, 10)
 

@@ -179,6 +179,7 @@ class CalibrationLikelihood(ExpectedLight):
         """Return the shifts' information, theirs with the parameters, and the score, by image."""
         by_pose, lamp = slopes[..., : self._shifts], slopes[..., POSE:]
         weighted = by_pose * weight[..., None]
-        by_gain = np.stack([self._by_detector(each) for each in own[..., None] * weighted])
+        by_reading = own[..., None] * weighted
+        by_gain = by_reading.reshape(len(own), self._lamps, -1, self._shifts).sum(axis=1)
         cross = np.concatenate([np.swapaxes(lamp, 1, 2) @ weighted, by_gain], axis=1)
         return np.swapaxes(weighted, 1, 2) @ by_pose, cross, (score[:, None, :] @ by_pose)[:, 0]

@@ -152,10 +152,10 @@ def dark_angle(gaussians: Array) -> float | None:
     # A narrower Gaussian is nowhere above a wider one, so it takes away less than its weight says.
     if (np.cumsum(weights[np.argsort(-widths)]) > 0).all():
         return None
-    angles = np.unique(np.linspace(0, REACH * widths, 801))[:, None]
+    angles = np.linspace(0, REACH * widths, 801).ravel()
     narrower = widths**-2.0 - widths.max() ** -2.0
-    dark = (weights * np.exp(-0.5 * angles**2 * narrower)).sum(axis=1) <= 0
-    return float(angles[dark.argmax(), 0]) if dark.any() else None
+    dark = np.exp(-0.5 * np.outer(angles**2, narrower)) @ weights <= 0
+    return float(angles[dark].min()) if dark.any() else None
 
 
 def beam_solid_angle(sigma_rad: float, gaussians: Array = UNIT) -> float:

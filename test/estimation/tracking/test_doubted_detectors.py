@@ -44,13 +44,15 @@ def test_a_track_is_not_misled_by_dirt_that_some_images_do_not_tell(
     """
     estimator = Estimator(load_scene("follow")).wait()
     model, nees = ForwardModel(estimator.scene), []
+    times = np.arange(150)
+    level = np.full((150, 3), [0.0, 0.02, -0.02])
+    poses = np.column_stack([-7.5 + 0.02 * times, 0.1 * np.sin(0.05 * times), level])
+    lights = model.light(poses)
+    if dirty:
+        lights[:, [0, 4], [4, 1]] *= 0.8
     for seed in range(1, runs + 1):
         pipeline, rng = Pipeline(estimator), np.random.default_rng(seed)
-        for i in range(150):
-            pose = np.array([-7.5 + 0.02 * i, 0.1 * math.sin(0.05 * i), 0.0, 0.02, -0.02])
-            light = model.light(pose)
-            if dirty:
-                light[[0, 4], [4, 1]] *= 0.8
+        for i, (pose, light) in enumerate(zip(poses, lights, strict=True)):
             track = pipeline.answer(i * SECOND_NS // 5, model.read(light, rng)).track
             if track is not None and i > 50:
                 off = track.pose - pose

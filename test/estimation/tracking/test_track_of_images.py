@@ -69,10 +69,9 @@ def test_a_steady_slope_misleads_neither_poses_nor_the_track(estimator, seed):
     poses, pipeline = course(times_s, 60.0, rng), Pipeline(estimator)
     bearing = rng.uniform(0, 2 * np.pi)
     slopes = 12 * np.array([np.cos(bearing), np.sin(bearing)])
-    squares = []
-    for t, pose in zip(times_s, poses, strict=True):
-        offsets = dict(zip(GRADIENTS, slopes, strict=True))
-        image = model.read(12 + model.light(pose, 0.0, offsets), rng)
+    lights, squares = model.light(poses, 0.0, dict(zip(GRADIENTS, slopes, strict=True))), []
+    for t, pose, light in zip(times_s, poses, lights, strict=True):
+        image = model.read(12 + light, rng)
         frame = pipeline.answer(round((1 + t) * 1e9), image)
         squares += [squared_error(said, pose) for said in (frame.estimate, frame.track)]
     assert np.less(squares, 46).all()  # as improbable as six standard deviations of one number
@@ -86,8 +85,8 @@ def test_a_dim_sea_that_is_hardly_moved_in_gets_no_sharp_and_wrong_track(estimat
     model, rng = ForwardModel(estimator.scene), np.random.default_rng(3)
     dim = {POWER: np.array(-0.15), ABSORPTION: np.array(0.04)}
     poses, pipeline, squares = course(np.arange(160) / 2, 1200.0, rng), Pipeline(estimator), []
-    for k, pose in enumerate(poses):
-        image = model.read(model.light(pose, 0.0, dim), rng)
+    for k, (pose, light) in enumerate(zip(poses, model.light(poses, 0.0, dim), strict=True)):
+        image = model.read(light, rng)
         track = pipeline.answer((k + 2) * 500_000_000, image).track
         squares.append(squared_error(track, pose))
     # The sea itself is 2.5 standard deviations from what was believed.
@@ -112,8 +111,9 @@ def test_in_a_sea_that_is_not_the_scene_neither_images_nor_the_track_are_falsely
     estimator = Estimator(with_prior(estimator.scene, aim_std_deg=0.0, lamp_aim_std_deg=0.0))
     model, rng = ForwardModel(estimator.scene), np.random.default_rng(1)
     pipeline, seconds, false, posed = Pipeline(estimator), np.arange(300) / 5, np.zeros(2), 0
-    for second, pose in zip(seconds, course(seconds, 60.0, rng), strict=True):
-        image = model.read(other(model.light(pose), second), rng)
+    poses = course(seconds, 60.0, rng)
+    for second, pose, light in zip(seconds, poses, model.light(poses), strict=True):
+        image = model.read(other(light, second), rng)
         frame = pipeline.answer(round((1 + second) * 1e9), image)
         if frame.track and frame.estimate:
             false += [squared_error(it, pose) > 6**2 for it in (frame.estimate, frame.track)]
@@ -132,8 +132,8 @@ def test_a_lamp_that_dims_by_a_tenth_is_said_and_the_track_stays_true_and_as_sur
         [],
         0,
     )
-    for k, pose in enumerate(poses):
-        image = model.read((1.0 if k < 350 else 0.9) * model.light(pose), rng)
+    for k, (pose, light) in enumerate(zip(poses, model.light(poses), strict=True)):
+        image = model.read((1.0 if k < 350 else 0.9) * light, rng)
         frame = pipeline.answer((k + 1) * 200_000_000, image)
         if k < 350 or frame.track is None:
             continue
@@ -159,8 +159,8 @@ def test_a_lamp_that_dims_by_a_tenth_is_said_and_the_track_stays_true_and_as_sur
 def test_what_changes_at_once_is_named_as_vehicles_do_not_jump(estimator, name, step, off):
     model, rng = ForwardModel(estimator.scene), np.random.default_rng(2)
     poses, pipeline, said = course(np.arange(190) / 10, 40.0, rng), Pipeline(estimator), []
-    for k, pose in enumerate(poses):
-        light = model.light(pose, 0.0, {name: np.array(step if k >= 150 else 0.0)})
+    steps = np.where(np.arange(190) >= 150, step, 0.0)
+    for k, light in enumerate(model.light(poses, 0.0, {name: steps})):
         image = model.read(light, rng)
         track = pipeline.answer((k + 1) * 100_000_000, image).track
         said += [track.mismatch] if track and track.mismatch else []
@@ -175,8 +175,8 @@ def test_a_track_that_outliers_begin_anew_believes_nothing_that_it_learnt(estima
     pipeline, poses = Pipeline(estimator), course(np.arange(210) / 10, 60.0, rng)
     poses[200:, 1] += 1.0
     answers = [
-        pipeline.answer((k + 1) * 100_000_000, model.read(model.light(pose), rng))
-        for k, pose in enumerate(poses)
+        pipeline.answer((k + 1) * 100_000_000, model.read(light, rng))
+        for k, light in enumerate(model.light(poses))
     ]
     first = next(answer.track for answer in answers[200:] if answer.track)
     learnt = answers[199].track.constants[POWER].std
@@ -205,15 +205,16 @@ def test_a_track_goes_on_through_images_that_are_far_from_linear(estimator):
     """18 deg off the beam's axis a lamp's place and the turn of the array look much alike."""
     model, stds = ForwardModel(estimator.scene), estimator.scene.nuisance_std()
     squares, errors, bent = [], [], []
+    aside = np.radians(18) * np.minimum(np.arange(200) / 60, 1)
+    yaw = np.radians(10) * np.sin(2 * np.pi * np.arange(200) / 80) - aside
+    level = np.full((200, 2), [0.2, 0.05])
+    poses = np.column_stack([-5 * np.cos(aside), 5 * np.sin(aside), level, yaw])
     for seed in (0, 3, 4):
         rng, pipeline = np.random.default_rng(seed), Pipeline(estimator)
         sea = {name: np.array(std * rng.standard_normal()) for name, std in stds.items()}
         gains = 1 + estimator.scene.prior.gain_std * rng.standard_normal((5, 5))
-        for k in range(200):
-            aside = np.radians(18) * min(k / 60, 1)
-            yaw = np.radians(10) * np.sin(2 * np.pi * k / 80) - aside
-            pose = np.array([-5 * np.cos(aside), 5 * np.sin(aside), 0.2, 0.05, yaw])
-            image = model.read(model.with_gains(model.light(pose, 0.0, sea), gains), rng)
+        for k, (pose, light) in enumerate(zip(poses, model.light(poses, 0.0, sea), strict=True)):
+            image = model.read(model.with_gains(light, gains), rng)
             estimate, track = pipeline.answer((k + 10) * 100_000_000, image)[1:3]
             if k >= 80 and estimate is not None:
                 bent.append(estimate.bent)
@@ -234,10 +235,11 @@ def test_commands_that_mean_nothing_take_no_frame_and_falsify_no_track(estimator
     rng = np.random.default_rng((31, seed))
     model, pipeline, said = ForwardModel(estimator.scene), Pipeline(estimator), []
     pose, stamp = np.array([-3.5, *POSE[1:]]), 2_000_000_000
+    light = model.light(pose, 0.0)
     for k in range(80):
         # In a gap, the command carries a follower past the lamp that in fact stays where it is.
         stamp += 100_000_000 * (gap if k % 8 == 0 else 1)
-        frame = pipeline.answer(stamp, model.read(model.light(pose, 0.0), rng))
+        frame = pipeline.answer(stamp, model.read(light, rng))
         assert squared_error(frame.track, pose) < chi2.isf(2 * norm.sf(6), 5)  # no outlier has one
         said.append(frame.track.own_motion)
         if k % 8 == 7:
@@ -253,11 +255,11 @@ def long_drive(estimator, seed):
     rng, pipeline, squares = np.random.default_rng(seed), Pipeline(estimator), []
     offsets = {name: std * rng.standard_normal() for name, std in prior.nuisance_std().items()}
     gains = 1 + prior.gain_std * rng.standard_normal((5, 5))
-    for k in range(600):
-        turn = 2 * np.pi * k / 30
-        way = [-6 + np.sin(turn), 0.3 * np.cos(turn), 0.2 * np.sin(2 * turn)]
-        pose = np.array([*way, 0.03 * np.sin(turn), 0.05 * np.cos(turn)])
-        image = model.read(gains * model.light(pose, 0.0, offsets), rng)
+    turn = 2 * np.pi * np.arange(600) / 30
+    way = [-6 + np.sin(turn), 0.3 * np.cos(turn), 0.2 * np.sin(2 * turn)]
+    poses = np.column_stack([*way, 0.03 * np.sin(turn), 0.05 * np.cos(turn)])
+    for k, (pose, light) in enumerate(zip(poses, model.light(poses, 0.0, offsets), strict=True)):
+        image = model.read(gains * light, rng)
         frame = pipeline.answer((k + 1) * 2_000_000_000, image)
         for said in (frame.estimate, frame.track) if k >= 480 else ():
             squares.append(squared_error(said, pose))
@@ -297,10 +299,10 @@ def test_a_yaw_that_reverses_at_once_teaches_no_wrong_constants(estimator, seed)
     stds = estimator.scene.nuisance_std()
     sea = {name: np.array(std * rng.standard_normal()) for name, std in stds.items()}
     gains = 1 + estimator.scene.prior.gain_std * rng.standard_normal((5, 5))
-    pipeline, pose = Pipeline(estimator), np.array([-5.0, 0.05, -0.05, 0.0, 0.0])
-    for k in range(150):
-        pose[YAW] = np.radians(30) * 1.5 * (abs(k / 15 % 2 - 1) - 0.5)
-        image = model.read(model.with_gains(model.light(pose, 0.0, sea), gains), rng)
+    pipeline, poses = Pipeline(estimator), np.tile([-5.0, 0.05, -0.05, 0.0, 0.0], (150, 1))
+    poses[:, YAW] = np.radians(30) * 1.5 * (abs(np.arange(150) / 15 % 2 - 1) - 0.5)
+    for k, (pose, light) in enumerate(zip(poses, model.light(poses, 0.0, sea), strict=True)):
+        image = model.read(model.with_gains(light, gains), rng)
         track = pipeline.answer((k + 10) * 100_000_000, image).track
         assert not track.mismatch
         assert squared_error(track, pose) < 46
@@ -315,10 +317,11 @@ def test_a_track_that_comes_from_afar_is_not_misled_by_bent_images(estimator, se
     stds = estimator.scene.nuisance_std()
     sea = {name: np.array(std * rng.standard_normal()) for name, std in stds.items()}
     phases, pipeline = rng.uniform(0, 2 * np.pi, 4), Pipeline(estimator)
-    for k in range(300):
-        sway = np.array([0.3, 0.3, 0.1, 0.1]) * np.sin(0.06 * k + phases)
-        pose = np.array([-12 + k / 75, *sway])
-        image = model.read(model.light(pose, 0.0, sea), rng)
+    times = np.arange(300)
+    sway = np.array([0.3, 0.3, 0.1, 0.1]) * np.sin(0.06 * times[:, None] + phases)
+    poses = np.column_stack([-12 + times / 75, sway])
+    for k, (pose, light) in enumerate(zip(poses, model.light(poses, 0.0, sea), strict=True)):
+        image = model.read(light, rng)
         track = pipeline.answer((k + 10) * 100_000_000, image).track
         assert not (track and track.mismatch)
         assert track is None or squared_error(track, pose) < 46
@@ -341,10 +344,10 @@ def test_a_track_that_wrong_images_taught_is_found_again_by_right_ones(
     smaller = ForwardModel(changed(estimator.scene, array={"radius_m": radius_m}))
     slant = np.linspace(0.93, 1.07, 5)
     rng, seconds = np.random.default_rng(1), np.arange(2 * (wrong_s + right_s)) / 2
-    for k, (second, pose) in enumerate(zip(seconds, course(seconds, 60.0, rng), strict=True)):
-        light = model.light(pose)
-        if second < wrong_s:
-            light = smaller.light(pose) if wrong == "smaller" else light * slant
+    poses, taught = course(seconds, 60.0, rng), seconds < wrong_s
+    lights = model.light(poses)
+    lights[taught] = smaller.light(poses[taught]) if wrong == "smaller" else lights[taught] * slant
+    for k, (second, pose, light) in enumerate(zip(seconds, poses, lights, strict=True)):
         track = pipeline.answer((k + 4) * 500_000_000, model.read(light, rng)).track
         if second >= wrong_s + right_s - 10:
             assert bool(track.mismatch) == said

@@ -10,13 +10,18 @@ from scipy.spatial.transform import Rotation
 from uuv_optical_array.control.leader.belief import (
     AGAIN_S,
     ARRAY_DEG,
+    ARRIVAL_S,
     BESIDE,
     DARK_S,
     LEAST,
+    LIKELY,
     LOOK_S,
+    LOOKS_S,
     MOST_PITCH,
+    STAYS,
     TRAIL,
     TURNING_S,
+    Goal,
     LeaderBelief,
 )
 from uuv_optical_array.control.leader.motion import TURN_S, Glow, LeaderMotion, seen_at
@@ -356,3 +361,51 @@ def test_before_any_light_the_leader_is_likeliest_where_the_station_is_its():
     assert not belief.places[best].any()
     assert not belief.headings[best].any()
     assert belief.weights @ belief.places[:, 1] == pytest.approx(0, abs=1e-9)
+
+
+def seen_weight(belief, place, velocity, after_s):
+    """Return the weight of the leaders seen from a moving place at once and `LOOKS_S` later."""
+    weight = 0.0
+    speeds, rates = map(np.array, zip(*map(belief.motion, range(len(belief.weights))), strict=True))
+    for later_s in (0.0, LOOKS_S):
+        time_s = after_s + later_s
+        halfway = belief.headings + rates * time_s / 2
+        halfway[:, 0] = np.clip(halfway[:, 0], -MOST_PITCH, MOST_PITCH)
+        half_turn = np.maximum(np.abs(rates[:, 1] * time_s / 2), 1e-9)
+        chords = time_s * np.sin(half_turn) / half_turn
+        ways = Rotation.from_euler("ZY", halfway[:, ::-1]).apply(speeds)
+        off = place + later_s * velocity - belief.places - ways * chords[:, None]
+        headings = belief.headings + rates * time_s
+        headings[:, 0] = np.clip(headings[:, 0], -MOST_PITCH, MOST_PITCH)
+        astern = Rotation.from_euler("ZY", headings[:, ::-1]).inv().apply(off)
+        off_deg = np.degrees(np.arctan2(np.hypot(*astern.T[1:]), -astern[:, 0]))
+        ranges = np.linalg.norm(astern, axis=1)
+        fall = SIGHT.on_axis(HALF) * (off_deg / SIGHT.sight_deg) ** 2
+        weight += belief.weights[SIGHT.on_axis(ranges) > fall].sum() / 2
+    return weight
+
+
+@pytest.mark.parametrize("seed", [*range(20), 103, 139])  # by the last two it hardly stays
+def test_where_to_look_from_is_the_best_of_all_places_one_by_one(seed):
+    """By SciPy's rotations: it stays, or goes behind one of the likely leaders, near or far."""
+    rng, fastest = np.random.default_rng(seed), 0.6
+    leader = gone(rng.uniform([-0.2, -0.3, -0.3], [1.0, 0.3, 0.3]))
+    leader.turn, leader.heading = rng.uniform(-0.1, 0.1, 2), rng.uniform([-0.3, -3], [0.3, 3])
+    belief = LeaderBelief.of_motion(SIGHT, leader)
+    belief.pass_time(rng.uniform(0.0, 15.0))
+    belief.weights *= rng.uniform(0.0, 1.0, len(belief.weights)) ** 3
+    station = np.array([*rng.uniform([-9, -2, -1], [-4, 2, 1]), 0.0, 0.0])
+    own = np.array([*rng.uniform([-15, -15, -2], [15, 15, 2]), 0.0, 0.0])
+    if seed % 2:  # beside a place to look from
+        own[:3] = belief.place_of(Goal(rng.integers(50), TRAIL), station) + rng.normal(0, 1, 3)
+    worths = {Goal(-1, 0.0): STAYS * seen_weight(belief, own[:3], np.zeros(3), 0.0)}
+    for k in np.argsort(-belief.weights)[:LIKELY].tolist():
+        turn = Rotation.from_euler("ZY", belief.headings[k][::-1])
+        velocity = turn.apply(belief.motion(k)[0])
+        astern = np.array([-TRAIL * np.linalg.norm(station[:3]), 0.0, 0.0])
+        for trail, behind in ((1.0, station[:3]), (TRAIL, astern)):
+            place = belief.places[k] + turn.apply(behind)
+            after_s = min(np.linalg.norm(place - own[:3]) / fastest, ARRIVAL_S)
+            seen = seen_weight(belief, place + after_s * velocity, velocity, after_s)
+            worths[Goal(k, trail)] = math.exp(-after_s / ARRIVAL_S) * seen
+    assert worths[belief.goal(own, station, fastest)] == pytest.approx(max(worths.values()))

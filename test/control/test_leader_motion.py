@@ -18,6 +18,7 @@ from uuv_optical_array.control.leader.motion import (
     Glow,
     LeaderMotion,
     seen_at,
+    turning,
 )
 
 STATION = np.array([-4.5, 0.0, 0.0, 0.0, 0.0])
@@ -188,3 +189,8 @@ def test_a_lamp_is_the_leaders_within_what_it_and_the_pose_may_err(axis, share, 
     off = np.zeros(5)
     off[axis] = share * math.sqrt(chi2.isf(CHANCE, 3) * spread)
     assert motion.expects(STATION - off, known) == expected
+
+
+def test_a_place_turns_about_the_axes_of_pitch_and_yaw():
+    turn, place = np.array([0.3, -0.2]), np.array([-4.0, 0.7, 0.5])
+    np.testing.assert_allclose(turning(turn, place), np.cross([0.0, *turn], place))

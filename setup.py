@@ -13,7 +13,7 @@ VIEW = ["viser>=1.1"]
 
 setup(
     name=package_name,
-    version="0.2.0",
+    version="1.0.0",
     description="One underwater vehicle follows another by light",
     # `colcon build --symlink-install` runs a link to this file in another folder.
     long_description=Path(__file__).resolve().with_name("README.md").read_text(encoding="utf-8"),

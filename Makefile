@@ -32,17 +32,19 @@ view: $(INSTALLED)  ## watch a follow in the browser; options by ARGS='...'
 tradeoff: $(INSTALLED)  ## measure and draw accuracy against computing time; options by ARGS='...'
 	@$(BIN)/uuv_array study tradeoff $(ARGS)
 
-# A process for each core, and in each of them one thread for algebra.
+# Three processes for two cores, as they wait for nodes and programs a third of the time, and in each
+# of them one thread for algebra.
+WORKERS = $(shell cores=$$(nproc); echo $$((cores > 5 ? 8 : (3 * cores + 1) / 2)))
 test: export OPENBLAS_NUM_THREADS = 1
 test: $(INSTALLED)  ## check style and types, and run all tests; those of the nodes on Jazzy too
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
-	$(BIN)/pytest -n logical --maxprocesses 8 --dist worksteal
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal
 	@$(MAKE) --no-print-directory jazzy
 
 jazzy: $(JAZZY)/installed  ## run the tests of the nodes on ROS 2 Jazzy
-	$(JAZZY)/bin/pytest -n logical --maxprocesses 8 --dist worksteal $(ROS_TESTS)
+	$(JAZZY)/bin/pytest -n $(WORKERS) --dist worksteal $(ROS_TESTS)
 
 docs: .venv/documents  ## write the reference and build the documentation, into docs/_build
 	$(BIN)/python docs/generate_reference.py

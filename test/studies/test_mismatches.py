@@ -344,6 +344,8 @@ def lamps_of(settings, poses=POSES):
 
 def test_what_modulated_lamps_miss_is_said():
     one, plain = load_scene("sunlit_modulated"), load_scene("follow")
+    flat = plain.settings()
+    flat["lamp"].update(beam_widths=[1.0, 2.0], beam_weights=[0.7, 0.3])
     there = {kind.name for kind in kinds_named(None, one)}
     assert {"waves_40", "same_carrier_0.3"} < there
     assert not {"second_lamp_0.3", "late_slots_0.01", "hidden_lamp"} & there
@@ -352,6 +354,7 @@ def test_what_modulated_lamps_miss_is_said():
         ("late_slots_0.01", one, "the effect demodulation with slots"),
         ("hidden_lamp", one, "several lamps"),
         ("ambient_10", one, "readings without demodulation"),
+        ("moffat", model_of(flat).scene, "a beam of one Gaussian"),
     ):
         with pytest.raises(ValueError, match=f"{name} needs {missing}, which"):
             kinds_named(name, scene)

@@ -41,8 +41,8 @@ class LampSettings:
     reference_counts: Annotated[
         float,
         Quantity(
-            "largest reading of an aligned array by this lamp alone, at the reference range; of "
-            "several lamps, as if one at the origin had their power",
+            "largest reading of an aligned array by the beam of this lamp alone, at the reference "
+            "range; of several lamps, as if one at the origin had their power",
             "counts",
             1,
             1e6,

@@ -59,6 +59,7 @@ NEEDS: dict[str, tuple[Callable[[Scene, float], bool], str]] = {
     "lamps": (lambda scene, by: bool(scene.lamps), "several lamps"),
     "beam": (lambda scene, by: scene.lamp.beam_sigma_deg >= NARROWEST_DEG - by,
              "a beam wider than {:g} deg"),
+    "Gaussian": (lambda scene, by: not scene.lamp.beam_widths, "a beam of one Gaussian"),
     "motion": (lambda scene, by: bool(MOVING & set(scene.effects)),
                f"one of the effects {', '.join(sorted(MOVING))}"),
 }
@@ -231,7 +232,7 @@ KINDS = (
             "Wait until they have passed."),
     *_kinds("moffat", seas.moffat_lobe,
             "The beam is a Moffat lobe, with wider flanks, as wide at half of its peak.",
-            SHAPE_CURE),
+            SHAPE_CURE, needs="Gaussian"),
     *_kinds("ring_{by:g}", seas.ring, "A ring in the beam is {percent:g} % brighter.",
             SHAPE_CURE, (0.03,)),
     *_kinds("cut_off", seas.cut_off, "The leader's hull cuts off the beam to port.",

@@ -75,7 +75,7 @@ def test_follow_that_never_sees_light_says_that_the_leader_was_lost(tmp_path):
     with follow(*words, "--seed", "3", "--exact-sea", start_s=2.0) as process:
         out, _ = ended(process, 1)
     assert "sea: exactly that of scene follow, seed 3" in out.splitlines()
-    assert "lost the leader: not one pose was estimated" in out
+    assert "lost the leader: it never set off; the log says what it waited for" in out
     assert "0 poses" in out
     assert not (tmp_path / "x.png").exists()
 

@@ -62,6 +62,8 @@ def test_a_run_is_lost_by_the_state_at_its_end_without_poses_and_far_off_its_sta
         assert record.lost() == f"{name} from 0.2 s to the end: so it is"
     record.estimates.clear()
     assert record.lost() == "not one pose was estimated"
+    record.truth.clear()
+    assert record.lost() == "it never set off; the log says what it waited for"
 
 
 def test_the_times_in_each_state_are_those_of_the_run_in_all(record):

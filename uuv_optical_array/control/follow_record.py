@@ -58,6 +58,8 @@ class FollowRecord:
 
     def lost(self) -> str:
         """Return how the leader was lost at the end, or an empty text; a gap that ended is none."""
+        if not self.truth:
+            return "it never set off; the log says what it waited for"
         if not self.estimates:
             return "not one pose was estimated"
         if not self.states:

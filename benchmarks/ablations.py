@@ -28,7 +28,10 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.processes import spread
 from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.pipeline import Pipeline
+from uuv_optical_array.estimation.tracking.belief import correct
+from uuv_optical_array.estimation.tracking.second_order import SecondOrder
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import POWER
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
@@ -68,19 +71,18 @@ def none_found(fit: Any, image: Any, kind: Any, *given: Any) -> list[Any]:
 
 def clear_alone(*given: Any) -> list[Any]:
     """Return the kind of a clear frame alone."""
-    return part_of("least_squares.frame_kinds.frame_kinds")(*given)[:1]
+    return frame_kinds(*given)[:1]
 
 
 def all_taught(*given: Any, teach: bool = True) -> Any:
     """Correct pose and biases alike."""
-    return part_of("tracking.belief.correct")(*given)
+    return correct(*given)
 
 
 def straight(slopes_at: Callable[[Any], Any], mean: Any, covariance: Any) -> Any:
     """Return that a function is linear."""
     rows = len(slopes_at(mean))
-    second_order = part_of("tracking.second_order.SecondOrder")
-    return second_order(np.zeros(rows), np.zeros((rows, 1)))
+    return SecondOrder(np.zeros(rows), np.zeros((rows, 1)))
 
 
 def trusted(doubted: Any, stamp_ns: int, believed: Any) -> Any:
@@ -212,12 +214,6 @@ def turned(count: int, rng: np.random.Generator) -> Any:
 
 
 DRAWS = {"nearby": nearby, "turned": turned}
-
-
-def part_of(name: str) -> Any:
-    """Return what a name below `ESTIMATION` stands for."""
-    owner, attribute = owner_of(name)
-    return getattr(owner, attribute)
 
 
 def owner_of(name: str) -> tuple[Any, str]:

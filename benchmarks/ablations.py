@@ -26,7 +26,7 @@ import numpy as np
 from uuv_optical_array.cli import progress
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.processes import spread
-from uuv_optical_array.core.storage.formats import columns
+from uuv_optical_array.core.storage.formats import cell, columns
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.pipeline import Pipeline
@@ -339,11 +339,6 @@ def table(only: str) -> str:
                 whole[sea] = measured(sea)
             rows.append([part.name, sea, *map(cell, [*whole[sea], *figures])])
     return columns(rows)
-
-
-def cell(value: Any) -> str:
-    """Return a figure as text."""
-    return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def main() -> None:

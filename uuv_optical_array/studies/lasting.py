@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.processes import spread
-from uuv_optical_array.core.storage.formats import columns, plain
+from uuv_optical_array.core.storage.formats import cell, columns, plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.model import ForwardModel
@@ -126,10 +126,6 @@ def measure(
 
 def report(rows: Sequence[dict[str, Any]]) -> str:
     """Return the kinds as a table, and below it all together."""
-
-    def cell(value: Any) -> str:
-        return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
-
     table = columns([[*COLUMNS.values()], *([cell(row[key]) for key in COLUMNS] for row in rows)])
     whole = {
         key: sum(row[key] for row in rows) for key in ("frames", "track_false", "track_unsaid")

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import Array, Z
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.core.storage.formats import columns, plain
+from uuv_optical_array.core.storage.formats import cell, columns, plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import lit_poses
@@ -128,10 +128,6 @@ def measure(
 
 def report(rows: Sequence[dict[str, Any]]) -> str:
     """Return the kinds as a table."""
-
-    def cell(value: Any) -> str:
-        return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
-
     return columns([[*COLUMNS.values()], *([cell(row[key]) for key in COLUMNS] for row in rows)])
 
 

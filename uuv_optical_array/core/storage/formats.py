@@ -36,6 +36,11 @@ def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
     return text.getvalue()
 
 
+def cell(value: Any) -> str:
+    """Return a value as a cell of a table, a number to three digits, ``-`` for ``None``."""
+    return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
 def columns(rows: Iterable[Sequence[object]], left: int = 1) -> str:
     """Return rows of cells as text in columns, of which the first ones are aligned to the left."""
     cells = [[str(cell) for cell in row] for row in rows]

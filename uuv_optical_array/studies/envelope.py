@@ -28,7 +28,7 @@ from uuv_optical_array.control.formation_settings import STATION, FormationSetti
 from uuv_optical_array.control.vehicles.models import Model
 from uuv_optical_array.core.processes import spread
 from uuv_optical_array.core.settings import Place, Quantity, Setting
-from uuv_optical_array.core.storage.formats import columns
+from uuv_optical_array.core.storage.formats import cell, columns
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots.style import mark, new_figure, plain_log_ticks, save
@@ -86,13 +86,11 @@ def measure(
 def report(rows: Sequence[dict[str, Any]]) -> str:
     """Return the kinds as a table, a part for each group."""
 
-    def cell(value: Any) -> str:
-        if isinstance(value, list):
-            return " ".join(value)
-        return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+    def words(value: Any) -> str:
+        return " ".join(value) if isinstance(value, list) else cell(value)
 
     lines = columns(
-        [[*COLUMNS.values()], *([cell(row[key]) for key in COLUMNS] for row in rows)]
+        [[*COLUMNS.values()], *([words(row[key]) for key in COLUMNS] for row in rows)]
     ).splitlines()
     text, group = [lines[0]], ""
     for row, line in zip(rows, lines[1:], strict=True):

@@ -96,6 +96,26 @@ def test_what_the_limits_quote_stands_on_the_pages_that_they_name():
         assert quoted in " ".join((page.parent / link).read_text(encoding="utf-8").split())
 
 
+def test_the_page_on_stacks_quotes_the_printed_envelopes():
+    page, envelope = (
+        (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+        for name in ("how_to/stack", "results/envelope")
+    )
+    own, drawn = envelope.partition("## BlueROV2")[0].split("## Drawn seas")
+
+    def off_m(kind, printed):
+        return float(re.search(rf"^{kind} +\d+ +\d+ +\d+ +(\S+)", printed, re.MULTILINE)[1])
+
+    told, untold = off_m("told_dark_20", own), off_m("dark_20_path", own)
+    quoted = (
+        f"it strayed {told:.1f} m from its station, and {untold:.1f} m without messages",
+        f"{off_m('formation_4', own):.2f} m in the scene's own sea, or "
+        f"{off_m('formation_4', drawn):.2f} m in drawn seas",
+    )
+    for text in quoted:
+        assert text in " ".join(page.split())
+
+
 def test_what_shows_a_physical_cause_and_what_tries_it_are_there():
     page = (ROOT / "docs" / "how_to" / "physical_causes.md").read_text(encoding="utf-8")
     texts = {

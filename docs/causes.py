@@ -37,7 +37,8 @@ CAUSES = {
     "stamp not later": "A stamp is repeated, missing, or in the wrong order.",
     "stamp ahead": (
         "The stamp of an image, a range or the leader's motion is more than 0.3 s ahead of the "
-        "node's clock. Of images and ranges in a row only the first is refused."
+        "node's clock. An image or a range is taken all the same if it is the first, or the one "
+        "before was ahead, too."
     ),
     "wrong frame": "The track is not in `beacon_frame`.",
     "no image": (
@@ -52,7 +53,7 @@ CAUSES = {
     "no orientation": "The IMU gives no orientation.",
     "not finite": "NaN or infinity, in a message or, if `not published`, by this node.",
     "out of bounds": "A number is too large or too small; are its units m, m/s and rad/s?",
-    "bad attitude": "A quaternion does not have the length 1.",
+    "bad attitude": "The length of a quaternion differs from 1 by more than 0.01.",
     "wrong encoding": "The image is neither mono16 nor 16UC1.",
     "wrong size": (
         "The image does not have the scene's rows and columns, or there are several sets of key "
@@ -68,7 +69,7 @@ CAUSES = {
         "The covariance is missing, not symmetric, not positive definite, nearly singular or out "
         "of bounds."
     ),
-    "rate": "A rate of the pose is beyond what vehicles reach, in m/s or rad/s.",
+    "rate": "A rate of the pose is beyond 10 m/s or 6 rad/s.",
     "range": "The range is not from 1 mm to 10 km.",
     "range std": "The range's standard deviation is out of bounds.",
     "false range": "The range is too far from the track: an echo, or lamp or sea have changed.",

@@ -97,9 +97,9 @@ def commands() -> list[str]:
         "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`; in a clone, after "
         "`make follow`, `.venv/bin/uuv_array COMMAND`. `COMMAND --help` has examples. Defaults are "
         "in brackets.",
-        "The exit code is 2 for a command line or a scene that cannot be used and for a file that "
-        "is missing, 130 after Ctrl-C, and 1 for another failure or a negative result, such as a "
-        "lost leader.",
+        "The exit code is 2 for an invalid command line or scene and for a file that does not "
+        "exist, 130 after Ctrl-C, and 1 for another failure or a negative result, such as a lost "
+        "leader.",
         "## Common options",
         option_list({name: of for name, of in common.items() if name not in settings}),
         "Settings of a bag or a table, for `--set`; `calibrate` takes neither commands nor states, "

@@ -16,7 +16,7 @@ def mismatches() -> list[str]:
         "# Kinds of mismatch",
         "The kinds of `uuv_array study robustness` ([results](../results/robustness.md)): what "
         "differs from the scene, in brackets by how many standard deviations of the prior "
-        "`known: calibrated`, and, in italics, what to do about it.",
+        "`known: calibrated` (of scattering as a logarithm), and, in italics, what to do about it.",
     ]
     for cure in dict.fromkeys(kind.cure for kind in KINDS):
         named = {

@@ -35,8 +35,9 @@ def scene() -> list[str]:
         "where their meaning says so.",
         "## `extends`",
         "The scene that this one changes: a ready one, or a file by its path from this one's "
-        "folder. Mappings are merged, lists and values replaced; `null` takes away a setting, an "
-        "effect or a group ([RFC 7396](https://www.rfc-editor.org/rfc/rfc7396)).",
+        "folder. As by [RFC 7396](https://www.rfc-editor.org/rfc/rfc7396), mappings are merged, "
+        "lists and values replaced; `null` takes away a setting, an effect or a group, which the "
+        "extended scene has to have.",
         "`uuv_array scenes schema` prints the JSON schema of scenes, `config/scene.schema.json`. A "
         "YAML language server completes and checks a scene by it, if a line says "
         "`# yaml-language-server: $schema=scene.schema.json`, the path from the scene's folder.",

@@ -145,7 +145,8 @@ SIGNAL_CURE = "Check the array's power, plug and wiring: this is not the lamp's 
 
 # fmt: off
 KINDS = (
-    *_kinds("nothing", Sea.light, "The sea is the scene.", "Nothing.", std="lamp_power_std"),
+    *_kinds("nothing", Sea.light, "The sea is as the scene says.", "Nothing.",
+            std="lamp_power_std"),
     *_kinds("k{by:+g}", lambda sea, by: sea.offset(sea.model.scene.attenuation[0], by),
             "The water attenuates by {size:g} /m {more}.", K_CURE,
             (-0.05, 0.05, -0.04, 0.04, -0.02, 0.02), "k_std_per_m", needs="water"),

@@ -123,19 +123,20 @@ def roll_pitch_yaw(matrix: ArrayLike) -> tuple[Array, Array, Array]:
 
 
 def relative_pose(
-    beacon_position: ArrayLike,
-    beacon_rotation: ArrayLike,
-    follower_position: ArrayLike,
-    follower_rotation: ArrayLike,
-) -> tuple[Array, float]:
-    """Pose, shape ``(5,)``, and roll of the follower in the beacon frame.
+    beacon_position: Array,
+    beacon_rotation: Array,
+    follower_position: Array,
+    follower_rotation: Array,
+) -> tuple[Array, Any]:
+    """Pose, shape ``(..., 5)``, and roll, ``(...)``, of the follower in the beacon frame.
 
-    Origins are in a common frame, m; rotations are from each frame to it, shape ``(3, 3)``.
+    Origins are in a common frame, m, shape ``(..., 3)``; rotations are from each frame to it,
+    ``(..., 3, 3)``.
     """
-    to_beacon = np.asarray(beacon_rotation, dtype=float).T
-    position = to_beacon @ (np.asarray(follower_position, float) - np.asarray(beacon_position))
-    roll, pitch, yaw = roll_pitch_yaw(to_beacon @ np.asarray(follower_rotation, float))
-    return np.array([*position, pitch, yaw]), float(roll)
+    apart = follower_position - beacon_position
+    place = np.einsum("...i,...ij->...j", apart, beacon_rotation)
+    roll, pitch, yaw = roll_pitch_yaw(np.swapaxes(beacon_rotation, -1, -2) @ follower_rotation)
+    return np.array([*place.T, pitch.T, yaw.T]).T, roll
 
 
 def covariance_5x5(pose: ArrayLike, covariance: ArrayLike) -> Array:

@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 
 from uuv_optical_array.control.follow_states import state_from_status
 from uuv_optical_array.control.following import State
-from uuv_optical_array.control.vehicles.trajectory import MAX_GAP, MAX_GAP_S, TooEarly, Trajectory
+from uuv_optical_array.control.vehicles.trajectory import (
+    MAX_GAP,
+    MAX_GAP_S,
+    Between,
+    TooEarly,
+    Trajectory,
+    interpolated,
+)
 from uuv_optical_array.core import messages
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.messages import Axes, Readout, Refused
@@ -94,20 +101,20 @@ class _Stream:
         first, last = self.samples[0][0] * 1e-9, self.samples[-1][0] * 1e-9
         return f"{self.topic} {first:.3f} to {last:.3f} s"
 
-    def poses(self, max_gap_s: float) -> Callable[[int], tuple[Array, Array]]:
-        """Return what gives position and rotation at a stamp; `Refused` where not known."""
+    def around(self, max_gap_s: float) -> Callable[[int], Between]:
+        """Return what gives the poses around a stamp; `Refused` where none is known."""
         trajectory = Trajectory(max_gap_s, length=None)
         for stamp, pose in self.samples:
             trajectory.add(stamp, *pose)
 
-        def at(stamp: int) -> tuple[Array, Array]:
+        def around(stamp: int) -> Between:
             try:
-                return trajectory.at(stamp)
+                return trajectory.around(stamp)
             except (TooEarly, LookupError) as error:
                 reason = str(error).partition(" of ")[0]  # without the length of a gap
                 raise Refused(f"no {self.topic} at its stamp: {reason}") from None
 
-        return at
+        return around
 
 
 def _check(bag: Bag, name: str, msgtype: str, kind: str) -> None:
@@ -218,44 +225,37 @@ def _with_poses(
             f"frames differ: {leader.topic} is in {sorted(leader.frames)}, {follower.topic} in "
             f"{sorted(follower.frames)}; both must be in the same"
         )
-    leader_at, follower_at = leader.poses(max_gap_s), follower.poses(max_gap_s)
-    images, poses, rolls = [], [], []
-    stamps: list[int] = []
+    of_leader, of_follower = leader.around(max_gap_s), follower.around(max_gap_s)
 
-    def pose_at(stamp: int) -> tuple[Array, float]:
-        leader_position, leader_rotation = leader_at(stamp)
-        beacon = leader_position + leader_rotation @ beacon_position_m
-        return relative_pose(beacon, leader_rotation, *follower_at(stamp))
+    def around(stamp: int) -> tuple[Between, Between]:
+        return of_leader(stamp), of_follower(stamp)
 
     def poses_at(stamps: NDArray[np.int64]) -> tuple[Array, Array]:
-        told = np.full((len(stamps), 6), np.nan)
-        for row, stamp in zip(told, stamps.tolist(), strict=True):
+        told, known, pairs = np.full((len(stamps), 6), np.nan), [], []
+        for i, stamp in enumerate(stamps.tolist()):
             with suppress(Refused):
-                row[:5], row[5] = pose_at(stamp)
+                pairs.append(around(stamp))
+                known.append(i)
+        if known:
+            (places, turns), seen = (interpolated(each) for each in zip(*pairs, strict=True))
+            beacons = places + turns @ beacon_position_m
+            told[known, :5], told[known, 5] = relative_pose(beacons, turns, *seen)
         return told[:, :5], told[:, 5]
 
+    images, stamps = [], []
     for stamp, pixels in image.samples:
-        try:
-            pose, roll = pose_at(stamp)
-        except Refused as reason:
-            if poses_needed:
+        if poses_needed:
+            try:
+                around(stamp)
+            except Refused as reason:
                 refused[f"{image.topic}: {reason}"] += 1
                 continue
-            pose, roll = np.full(5, np.nan), np.nan
         images.append(pixels)
-        poses.append(pose)
-        rolls.append(roll)
         stamps.append(stamp)
     if not images:
         reasons = "; ".join(f"{number} x {reason}" for reason, number in refused.most_common())
         spans = ", ".join(stream.span() for stream in (image, leader, follower))
         missing = "no image with a known pose" if poses_needed else "no image"
         raise ValueError(f"{missing}: {reasons or 'no message at all'} ({spans})")
-    return Recording(
-        np.array(images),
-        np.array(poses),
-        np.array(rolls),
-        np.array(stamps, np.int64),
-        refused,
-        poses_at=poses_at,
-    )
+    stamps_ns = np.array(stamps, np.int64)
+    return Recording(np.array(images), *poses_at(stamps_ns), stamps_ns, refused, poses_at=poses_at)

@@ -150,12 +150,7 @@ class PoseFit:
         values = at * scale
         poses, rolls = mean[:5] + values[:, :5], mean[5] + values[:, 5]
         aims, offsets = values[:, POSE : POSE + AIMS], values[:, POSE + AIMS :]
-        # One start after the other has its own aims.
-        apparent = [
-            appearing(poses[k : k + 1], rolls[k : k + 1], aims[k], self._layout.scene.array.bow_m)
-            for k in range(len(at))
-        ]
-        seen, seen_rolls, by_seen = (np.concatenate(each) for each in zip(*apparent, strict=True))
+        seen, seen_rolls, by_seen = appearing(poses, rolls, aims, self._layout.scene.array.bow_m)
         turned = {ROLL: np.zeros(len(at))} if self._layout.scene.lamps else {}
         named = {name: offsets[:, i] for i, name in enumerate(self._names)}
         light, slopes = self._model.linearised(seen, seen_rolls, {**turned, **named})

@@ -23,22 +23,25 @@ def appearing(poses: Array, rolls: Array, aims: Array, bow_m: float) -> tuple[Ar
     """Return the poses and rolls at which lamp and array would give this light if they aimed.
 
     The aims are pitch and yaw, rad, of the lamp in ``beacon`` and of the array on its mount, which
-    is `bow_m` ahead of ``base_link``. Slopes ``(m, 6, 10)`` lead from those of the light by the
-    returned poses and a turn of the follower about the beacon's x to those by the given poses,
-    rolls and aims. The follower's bow is not abeam.
+    is `bow_m` ahead of ``base_link``, for all poses, ``(4,)``, or for each, ``(m, 4)``. Slopes
+    ``(m, 6, 10)`` lead from those of the light by the returned poses and a turn of the follower
+    about the beacon's x to those by the given poses, rolls and aims. The follower's bow is not
+    abeam.
     """
-    lamp, mount = rotation_matrix(*aims[:2]), rotation_matrix(*aims[2:])
+    lamp_pitch, lamp_yaw, pitch, yaw = aims.T
+    to_lamp = np.swapaxes(rotation_matrix(lamp_pitch, lamp_yaw), -1, -2)
+    mount = rotation_matrix(pitch, yaw)
     body, ahead = rotation_matrix(poses[:, PITCH], poses[:, YAW], rolls), np.array([bow_m, 0, 0])
     given = poses[:, :3]
     bow = given + body @ ahead
     place = bow - body @ mount @ ahead
-    roll, pitch, yaw = roll_pitch_yaw(lamp.T @ body @ mount)
-    seen = np.column_stack([place @ lamp, pitch, yaw])
+    roll, *attitude = roll_pitch_yaw(to_lamp @ body @ mount)
+    seen = np.column_stack([(to_lamp @ place[..., None])[..., 0], *attitude])
     # Each angle turns the array about an axis through a point, all in the beacon.
     turns = [
         (np.dstack([_axes(poses[:, YAW]), body[..., :1]]), given),
-        (-_axes(aims[1]), np.zeros(3)),
-        (body @ _axes(aims[3]), bow),
+        (-_axes(lamp_yaw), np.zeros(3)),
+        (body @ _axes(yaw), bow),
     ]
     motion = np.zeros((len(poses), 2, 3, 10))  # shift and turn
     motion[:, 0, :, :3] = np.eye(3)
@@ -48,7 +51,7 @@ def appearing(poses: Array, rolls: Array, aims: Array, bow_m: float) -> tuple[Ar
         turned = v * z - w * y, w * x - u * z, u * y - v * x
         motion[:, 0, :, columns] = np.stack(turned, axis=1)
         motion[:, 1, :, columns] = axes
-    return seen, roll, _by_motion(seen) @ (lamp.T @ motion).reshape(-1, 6, 10)
+    return seen, roll, _by_motion(seen) @ (to_lamp[..., None, :, :] @ motion).reshape(-1, 6, 10)
 
 
 def _axes(yaw: Array | float) -> Array:

@@ -31,7 +31,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.noise import reading_variance
 from uuv_optical_array.forward.scene import load_scene, save_scene
 
-reproducible = settings(max_examples=12)
+reproducible = settings(max_examples=8)
 
 
 def test_light_and_least_squares_written_a_second_time_find_the_same():
@@ -40,10 +40,10 @@ def test_light_and_least_squares_written_a_second_time_find_the_same():
     scene, start = (
         changed(some, effects=no_limits) for some in (sea(gains=(0.08, 4)), "reference")
     )
-    images, poses, rolls = recorded(scene, 30, 2, TURNED)
+    images, poses, rolls = recorded(scene, 12, 2, TURNED)
     found = calibrate(start, images, poses, rolls)
 
-    readings, plain = images.reshape(30, 25), start.settings()
+    readings, plain = images.reshape(12, 25), start.settings()
     names = [
         *("lamp.power", "lamp.beam_sigma_deg", "attenuation.k_per_m", "ambient.level_counts"),
         *("field_of_view.cosine_power", "array.radius_m", *AIMS),
@@ -72,7 +72,7 @@ def test_light_and_least_squares_written_a_second_time_find_the_same():
         return np.append((readings - gains * light).ravel(), x[count:].sum())
 
     first = [9.0, 8.0, 0.1, 0.0, 1.0, np.log(0.32), *np.zeros(4), *np.zeros(25)]
-    other = optimize.least_squares(residuals, first, "3-point", x_scale="jac")
+    other = optimize.least_squares(residuals, first, x_scale="jac")
     covariance = np.linalg.inv(other.jac.T @ other.jac)
     units = np.ones(count)
     units[[0, 5]] = np.exp(other.x[[0, 5]])
@@ -86,7 +86,7 @@ def test_light_and_least_squares_written_a_second_time_find_the_same():
     project = np.eye(25) - 1 / 25
     gain_std = gains * np.sqrt(np.diag(project @ covariance[count:, count:] @ project))
     np.testing.assert_allclose(found.gain_std.ravel(), gain_std, rtol=5e-3)
-    freedoms = 750 - count - 24
+    freedoms = readings.size - count - 24
     assert found.misfit == pytest.approx((residuals(other.x) ** 2).sum() / freedoms, rel=1e-6)
 
 
@@ -95,12 +95,12 @@ POSE_STD = np.array([0.02, 0.02, 0.02, 0.01, 0.01])
 
 @pytest.mark.parametrize(
     ("name", "fits", "count", "pose_std"),
-    [("follow", 25, 60, None), ("reference", 25, 40, POSE_STD)],
+    [("follow", 12, 60, None), ("reference", 12, 40, POSE_STD)],
     ids=["scattering", "absorbing, with errors of poses"],
 )
 def test_errors_are_as_large_as_the_standard_errors_say(name, fits, count, pose_std):
     rng = np.random.default_rng(11)
-    misfit = check_consistency(lambda _: sea(name), load_scene(name), fits, count, rng, pose_std)
+    misfit = check_consistency(lambda _: sea(name), sea(name), fits, count, rng, pose_std)
     assert misfit == pytest.approx(1.0, abs=5 * np.sqrt(2 / (fits * (25 * count - 25))))
 
 
@@ -119,7 +119,7 @@ def test_so_they_are_with_noise_that_grows_with_the_light_and_readings_at_both_l
     images = ForwardModel(scene).expose(poses, rng, rolls)
     assert (images == 0).mean() > 0.03
     assert (images == 1023).mean() > 0.03
-    check_consistency(lambda _: scene, start, 25, 40, rng)
+    check_consistency(lambda _: scene, start, 12, 40, rng)
 
 
 def test_a_pose_that_is_off_by_far_more_than_told_is_left_out_and_errors_not_told_are_noticed():

@@ -153,14 +153,26 @@ def check_consistency(scene_of, start, fits, count, rng, pose_std=None, aims=TUR
         found = calibrate(start, images, *told, pose_std=pose_std, places=places)
         assert not found.refusal
         fitted, gains = pulls(found, scene, aims)
-        squares.append(fitted)
+        assert fitted.keys() == named(found).keys()
+        squares.append({name: pull**2 for name, pull in fitted.items()})
+        squares[-1]["all at once"], freedoms = whitened(found, fitted)
         of_gains.append(gains)
         misfits.append(found.misfit)
-    assert squares[0].keys() == named(found).keys()
-    low, high = stats.chi2.ppf(stats.norm.cdf([-5, 5]), fits) / fits
     for name in squares[0]:
-        mean = np.mean([fitted[name] ** 2 for fitted in squares])
-        assert low < mean < high, name
+        numbers = fits * (freedoms if name == "all at once" else 1)
+        low, high = stats.chi2.ppf(stats.norm.cdf([-5, 5]), numbers)
+        assert low < np.sum([square[name] for square in squares]) < high, name
     gains = np.mean(np.square(of_gains))
     assert 1 - 5 * np.sqrt(2 / (24 * fits)) < gains < 1 + 5 * np.sqrt(2 / (24 * fits)), gains
     return np.mean(misfits)
+
+
+def whitened(found, fitted):
+    """Return the square of all errors in standard errors, less their correlation, and its freedoms.
+
+    Most are correlated so strongly that a standard error that is too small is seen better here.
+    """
+    errors = np.array([fitted[one.name] for one in found.parameters][: len(found.correlation)])
+    sizes, axes = np.linalg.eigh(found.correlation)
+    free = sizes > 1e-9  # the powers of several lamps have a mean of 1
+    return np.sum((axes[:, free].T @ errors) ** 2 / sizes[free]), free.sum()

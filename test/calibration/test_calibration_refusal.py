@@ -145,7 +145,7 @@ def test_a_poor_drive_names_what_it_does_not_tell_and_the_errors_hold_it(
 ):
     rng, squares = np.random.default_rng(12), []
     high = np.array([0.0, aside_m, aside_m, swing, swing])
-    start, fits = load_scene("follow"), 8
+    start, fits = load_scene("follow"), 4
     for _ in range(fits):
         scene, aims = rig_like(start, rng)
         poses = rng.uniform(-high, high, (80, 5))

@@ -27,7 +27,8 @@ def follow(*words, start_s=PATIENCE_S):
 
 
 def test_help_explains_every_option_and_shows_examples_that_can_be_typed():
-    parsers = list(command_parsers(build_parser()))
+    whole = build_parser()
+    parsers = list(command_parsers(whole))
     assert len(parsers) == len({parser.prog for parser in parsers}) == 22
     for parser in parsers:
         for action in parser._actions:
@@ -36,7 +37,7 @@ def test_help_explains_every_option_and_shows_examples_that_can_be_typed():
         assert len(examples) >= 3, parser.prog
         for example in examples:
             command = re.split(r"  +| > ", example.strip())[0]
-            build_parser().parse_args(shlex.split(command)[1:])
+            whole.parse_args(shlex.split(command)[1:])
 
 
 @pytest.mark.parametrize("words", [(), ("fly",), ("table", "--colour", "red")])

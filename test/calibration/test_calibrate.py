@@ -63,6 +63,12 @@ def follower_at(t):
     return position + turn.apply(np.array(BEACON) + pose[:3]), own
 
 
+def images_at(seconds):
+    """Return what the array reads at these times, with the noise of a seed."""
+    poses, rolls = zip(*map(relative_at, seconds), strict=True)
+    return ForwardModel(SEA).expose(np.array(poses), np.random.default_rng(3), np.array(rolls))
+
+
 def messages_of(seconds, axes, late_s=0.0):
     """Return topic and bytes of every message of a drive, with odometries in turned axes.
 
@@ -73,7 +79,7 @@ def messages_of(seconds, axes, late_s=0.0):
         own = axes * turn * axes.inv()
         return odometry_message(topic, round(t * 1e9), axes.apply(position), own.as_quat())
 
-    model, rng = ForwardModel(SEA), np.random.default_rng(3)
+    images = iter(images_at(1.05 + np.arange(seconds * RATE_HZ) / RATE_HZ))
     messages = [odometry(LEADER, 1.0, *leader_at(1.0))]
     for step in range(seconds * RATE_HZ // 2):
         times = [1.0 + 0.2 * step + 0.05 + 0.1 * half for half in (0, 1)]
@@ -82,9 +88,7 @@ def messages_of(seconds, axes, late_s=0.0):
         later = 1.0 + 0.2 * (step + 1)
         messages.append(odometry(LEADER, later, *leader_at(later)))
         for t in times:
-            pose, roll = relative_at(t)
-            stamp = round((t + late_s) * 1e9)
-            messages.append(image_message(stamp, model.expose(pose, rng, roll)))
+            messages.append(image_message(round((t + late_s) * 1e9), next(images)))
     return messages
 
 
@@ -107,10 +111,7 @@ def test_a_bag_gives_every_image_at_the_pose_it_was_taken_at(bag):
     expected = [relative_at(t) for t in seconds]
     np.testing.assert_allclose(found.poses, [pose for pose, _ in expected], atol=1e-9)
     np.testing.assert_allclose(found.rolls, [roll for _, roll in expected], atol=1e-9)
-    # The noise, drawn again.
-    model, rng = ForwardModel(SEA), np.random.default_rng(3)
-    images = [model.expose(pose, rng, roll) for pose, roll in expected]
-    np.testing.assert_array_equal(found.images, images)
+    np.testing.assert_array_equal(found.images, images_at(seconds))
 
 
 def command(bag, folder, *words):
@@ -147,7 +148,7 @@ def test_another_sea_is_found_within_its_standard_errors(bag, tmp_path):
 def test_a_bag_whose_images_are_late_is_calibrated_at_their_times(tmp_path):
     messages = messages_of(SECONDS, Rotation.identity(), late_s=0.01)
     late = write_bag(tmp_path / "late", messages, "MCAP")
-    text = text_of(run, *command(late, tmp_path, "--noise"))
+    text = text_of(run, *command(late, tmp_path))
     said = r"stamps are (\S+) ms .* late, which was taken into account \(time_offset_s=(\S+?)\)"
     late_ms, offset_s = map(float, re.search(said, text).groups())
     # The leader's odometry comes at 5 Hz, so that its turns are known to 0.2 ms.
@@ -168,7 +169,7 @@ def test_a_bag_is_calibrated_by_a_table_of_poses_in_place_of_odometries(recorded
     head = "time_s,x_m,y_m,z_m,pitch_deg,yaw_deg,roll_deg"
     table = tmp_path / "mocap.csv"
     table.write_text("\n".join([head, *rows, ""]))
-    found = json_of(run, *command(bag, tmp_path, "--noise", "--trajectory", table))
+    found = json_of(run, *command(bag, tmp_path, "--trajectory", table))
     assert found["images"] == SECONDS * RATE_HZ
     assert not found["clock"]["applied"]
     for name, value in truth_of(SEA)[0].items():

@@ -7,7 +7,7 @@ import shlex
 import signal
 
 import pytest
-from command_line import PROGRAM, assert_picture, begun, ended, run
+from command_line import PROGRAM, SKETCHING, assert_picture, begun, ended, run
 from conftest import PATIENCE_S
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
@@ -18,10 +18,11 @@ from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.recording.bag import RUN, opened
 
 
-def follow(*words, start_s=PATIENCE_S):
+def follow(*words, start_s=PATIENCE_S, before=""):
     """Run ``uuv_array follow`` in a process of its own; the leader waits for its follower."""
     *python, code = PROGRAM
-    code = f"from uuv_optical_array.nodes.bringup import demo; demo.START_S = {start_s}; {code}"
+    waiting = f"from uuv_optical_array.nodes.bringup import demo; demo.START_S = {start_s}"
+    code = "\n".join([before, waiting, code])
     unbuffered = {**os.environ, "PYTHONUNBUFFERED": "1"}
     return begun([*python, code, "follow", *words], env=unbuffered)
 
@@ -73,7 +74,8 @@ def test_follow_that_never_sees_light_says_that_the_leader_was_lost(tmp_path):
     dark = tmp_path / "dark.yaml"
     dark.write_text("/**: {ros__parameters: {min_peak_counts: 60000.0}}\n", "utf-8")
     words = ("--duration", "2", "--params-file", dark, "--output", tmp_path / "x.png")
-    with follow(*words, "--seed", "3", "--exact-sea", start_s=2.0) as process:
+    words += ("--seed", "3", "--exact-sea")
+    with follow(*words, start_s=2.0, before=SKETCHING) as process:
         out, _ = ended(process, 1)
     assert "sea: exactly that of scene follow, seed 3" in out.splitlines()
     assert "lost the leader: it never set off; the log says what it waited for" in out
@@ -91,7 +93,8 @@ def test_ctrl_c_ends_follow_early_with_a_summary_and_a_picture(lab, tmp_path):
         off = [message.header for message in leader if message.twist.twist != Twist()]
         return off and [p for p in poses if stamp_ns(p.header) > stamp_ns(off[0])][4:]
 
-    with follow("--duration", "600", "--output", picture) as process:
+    words = ("--duration", "600", "--output", picture)
+    with follow(*words, before=SKETCHING) as process:
         lab.until(lambda: followed() or process.poll() is not None, "poses")
         process.send_signal(signal.SIGINT)
         out, _ = ended(process, 130)

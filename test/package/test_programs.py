@@ -184,7 +184,8 @@ def test_a_picture_is_the_same_whatever_matplotlib_is_told_elsewhere(odd, tmp_pa
 def test_with_streams_that_are_closed_a_command_does_its_work(tmp_path):
     line = 'exec "$0" -c "$1" budget --output "$2" <&- >&- 2>&-'
     picture = tmp_path / "x.png"
-    shell = ["sh", "-c", line, sys.executable, PROGRAM, str(picture)]
+    code = command_line.SKETCHING + PROGRAM
+    shell = ["sh", "-c", line, sys.executable, code, str(picture)]
     assert subprocess.run(shell, check=False).returncode == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
 

@@ -16,6 +16,14 @@ from conftest import PATIENCE_S
 from uuv_optical_array.commands import main
 
 PROGRAM = [sys.executable, "-c", "from uuv_optical_array.commands import main; main()"]
+# Before the code of a process that draws what nobody looks at, as `sketching` is in this one.
+SKETCHING = """
+from matplotlib.figure import Figure
+render = Figure.savefig
+Figure.savefig = lambda self, *words, **options: render(
+    Figure(self.get_size_inches()), *words, **options
+)
+"""
 
 
 def run(*words, code=0):

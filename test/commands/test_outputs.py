@@ -105,8 +105,8 @@ def test_what_can_be_written_leaves_no_trace_of_the_look(tmp_path):
 
 @pytest.mark.usefixtures("sketched")
 def test_a_full_disk_gives_the_path_and_leaves_nothing(full_disk, tmp_path):
-    error = run("render", "--output", "sea.png", code=1)
-    assert error == f"uuv_array render: sea.png: {os.strerror(27)}"
+    error = run("budget", "--output", "sea.png", code=1)
+    assert error == f"uuv_array budget: sea.png: {os.strerror(27)}"
     assert not list(tmp_path.iterdir())
 
 

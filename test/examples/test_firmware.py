@@ -194,8 +194,8 @@ def test_a_frame_has_the_voltages_in_counts_above_the_pedestal(board):
 
 
 def test_darkness_reads_the_pedestal_and_its_noise_is_not_clipped(board):
-    rng, dark = np.random.default_rng(2), []
-    for _ in range(20):
+    rng = np.random.default_rng(2)
+    for _ in range(8):
         board.light(rng.normal(0, 20e-6, 25))  # more than a count
         board.steps(400)
     dark = np.array([readings_of(packet)[2].ravel() for packet in board.packets])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 def drawn():
     numbers = []
 
-    @settings(max_examples=300, database=None)
+    @settings(max_examples=100, database=None)
     @given(st.floats(allow_nan=False), st.integers())
     def draw(real, whole):
         numbers.append((real, whole))

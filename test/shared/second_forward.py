@@ -55,10 +55,11 @@ def detectors(array):
 def rays(array, pose, roll=0.0, time_s=None):
     """Return the ray to each detector; the lamp at the origin of ``beacon`` shines along -x."""
     turn = attitude(pose[3], pose[4], roll)
+    places, normals = np.array([*detectors(array)]).swapaxes(0, 1)
     found = []
-    for place, normal in detectors(array):
-        x, y, z = (pose[:3] + turn @ place).tolist()
-        looks = (turn @ normal).tolist()
+    for (x, y, z), looks in zip(
+        (pose[:3] + places @ turn.T).tolist(), (normals @ turn.T).tolist(), strict=True
+    ):
         range_m = math.sqrt(x * x + y * y + z * z)
         cosine = -(x * looks[0] + y * looks[1] + z * looks[2]) / range_m
         off_axis = math.atan2(math.hypot(y, z), -x)
@@ -307,22 +308,31 @@ def with_offsets(effects, offsets):
     return changed
 
 
-def unnamed(side, effects, offsets):
-    """Return what has no effect: a factor of the lamp's light and daylight, by detector."""
+@functools.cache
+def shapes(side):
+    """Return the places of the detectors, from -1 to 1, and the modes of shades by number."""
     places = [-1 + 2 * i / (side - 1) for i in range(side)]
-    grid = [(u, v) for v in places for u in places]
+    grid = np.array([(u, v) for v in places for u in places])
     order = np.array([[1, u, v, u * u, u * v, v * v] for u, v in grid])
-    shades, daylight = np.zeros(side**2), np.zeros(side**2)
+    modes = {}
     for k in range(1, 6):
         # What the lower orders leave of this one, by regression.
         before = order[:, :k]
         rest = order[:, k] - before @ np.linalg.lstsq(before, order[:, k], rcond=None)[0]
         size = math.sqrt(np.mean(rest**2))
         if size > 1e-9:
-            shades = shades + offsets.get(f"shade.mode_{k}", 0.0) * rest / size
+            modes[k] = rest / size
+    return grid, modes
+
+
+def unnamed(side, effects, offsets):
+    """Return what has no effect: a factor of the lamp's light and daylight, by detector."""
+    grid, modes = shapes(side)
+    shades, daylight = np.zeros(side**2), np.zeros(side**2)
+    for k, mode in modes.items():
+        shades = shades + offsets.get(f"shade.mode_{k}", 0.0) * mode
     for name, axis in (("to_starboard", 0), ("to_bottom", 1)):
-        rise = offsets.get(f"ambient.{name}_counts", 0.0)
-        daylight = daylight + [rise * place[axis] for place in grid]
+        daylight = daylight + offsets.get(f"ambient.{name}_counts", 0.0) * grid[:, axis]
     if "ambient" not in effects:
         daylight = daylight + offsets.get("ambient.level_counts", 0.0)
     return np.exp(shades), daylight + offsets.get("lamp.floor_counts", 0.0)

@@ -51,7 +51,7 @@ def still(rng):
 def fitted(image, start, mean, covariance):
     """Return readings linearised at the fit of pose and constants, and the pose's covariance."""
     at, prior = start, np.linalg.inv(covariance)
-    for _ in range(5):
+    for _ in range(3):
         found = linearise()(image, at)
         weights = 1 / (found.variances + np.square(GAIN_STD * found.light))
         precision = found.slopes.T * weights @ found.slopes
@@ -67,19 +67,18 @@ def nees(off, covariance):
     return off @ np.linalg.solve(covariance, off)
 
 
-def tracked(frame, course=sweep, seas=6):
+def tracked(frame, course=sweep, seas=4):
     """Return NEES of pose and constants, errors by std, and of the range, tracked and single."""
     rng = np.random.default_rng(3)
     constants = Constants(NAMES, tuple(STDS), GAIN_STD, 25, frame)
     of_pose, of_constants, by_std, tracks, singles = [], [], [], [], []
     for _ in range(seas):
-        truth, gains = STDS * rng.standard_normal(4), GAIN_STD * rng.standard_normal(25)
+        truth, gains = STDS * rng.standard_normal(4), 1 + GAIN_STD * rng.standard_normal((5, 5))
+        poses, offsets = course(rng), dict(zip(NAMES, truth, strict=True))
+        lights = MODEL.with_gains(MODEL.light(poses, 0.0, offsets), gains)
         tracker = Tracker(TrackerSettings(gate_probability=1.0), constants=constants)
-        for k, pose in enumerate(course(rng)):
-            place = np.concatenate([pose, truth])
-            offsets = dict(zip(NAMES, truth, strict=True))
-            light, slopes = MODEL.linearised(pose, offsets=offsets)
-            image = MODEL.read(light + gains * slopes[:, 5], rng)
+        for k, (pose, light) in enumerate(zip(poses, lights, strict=True)):
+            place, image = np.concatenate([pose, truth]), MODEL.read(light, rng).ravel()
             stamp = round((10 + k * STEP_S) * 1e9)
             found, covariance = fitted(image, place, np.zeros(4), np.diag(STDS**2))
             track = tracker.update(

@@ -209,24 +209,23 @@ def test_a_track_goes_on_through_images_that_are_far_from_linear(estimator):
     yaw = np.radians(10) * np.sin(2 * np.pi * np.arange(200) / 80) - aside
     level = np.full((200, 2), [0.2, 0.05])
     poses = np.column_stack([-5 * np.cos(aside), 5 * np.sin(aside), level, yaw])
-    for seed in (0, 3, 4):
-        rng, pipeline = np.random.default_rng(seed), Pipeline(estimator)
-        sea = {name: np.array(std * rng.standard_normal()) for name, std in stds.items()}
-        gains = 1 + estimator.scene.prior.gain_std * rng.standard_normal((5, 5))
-        for k, (pose, light) in enumerate(zip(poses, model.light(poses, 0.0, sea), strict=True)):
-            image = model.read(model.with_gains(light, gains), rng)
-            estimate, track = pipeline.answer((k + 10) * 100_000_000, image)[1:3]
-            if k >= 80 and estimate is not None:
-                bent.append(estimate.bent)
-                squares.append(squared_error(track, pose))
-                errors.append((track.pose - pose, estimate.pose - pose))
-    assert len(bent) >= 357  # of 360; of a few the best fit pitches too steeply
+    rng, pipeline = np.random.default_rng(3), Pipeline(estimator)
+    sea = {name: np.array(std * rng.standard_normal()) for name, std in stds.items()}
+    gains = 1 + estimator.scene.prior.gain_std * rng.standard_normal((5, 5))
+    for k, (pose, light) in enumerate(zip(poses, model.light(poses, 0.0, sea), strict=True)):
+        image = model.read(model.with_gains(light, gains), rng)
+        estimate, track = pipeline.answer((k + 10) * 100_000_000, image)[1:3]
+        if k >= 80 and estimate is not None:
+            bent.append(estimate.bent)
+            squares.append(squared_error(track, pose))
+            errors.append((track.pose - pose, estimate.pose - pose))
+    assert len(bent) >= 119  # of 120; of a few the best fit pitches too steeply
     assert np.mean(bent) > 0.9
     tracked, single = np.sqrt(np.mean(np.square(errors), axis=0))
     assert (tracked[[YAW, X]] < 0.6 * single[[YAW, X]]).all()
     assert tracked[YAW] < 0.4 * single[YAW]
     # In one sea all errors are as one.
-    assert np.mean(squares) < 5 + 3 * np.sqrt(10 / 3)
+    assert np.mean(squares) < 5 + 3 * np.sqrt(10)
 
 
 # Each of these seas with gaps, where the readings alone were held to the track, lost it.
@@ -289,8 +288,8 @@ def test_readings_are_linearised_once_more_near_the_beginning_of_their_correctio
 
 
 def test_what_is_learnt_for_long_is_not_pulled_to_one_side(estimator):
-    # In one sea all errors are as one: the mean of two chi squares of five degrees of freedom.
-    assert np.mean([long_drive(estimator, seed) for seed in (11, 12)]) < 5 + 3 * np.sqrt(10 / 2)
+    # In one sea all errors are as one: a chi square of five degrees of freedom.
+    assert long_drive(estimator, 11) < 5 + 3 * np.sqrt(10)
 
 
 @pytest.mark.parametrize("seed", [3, 5])
@@ -360,12 +359,12 @@ def test_images_that_bend_over_all_that_they_leave_call_no_honest_sea_off(compil
     for drawn in (6, 30, 35):
         rng, pipeline = np.random.default_rng((2, drawn)), Pipeline(estimator)
         drive = images(estimator.scene, 60.0, 10.0, rng)
-        for t, _, image in itertools.islice(drive, 300):  # within 10 s it would call each off
+        for t, _, image in itertools.islice(drive, 150):  # within 10 s it would call each off
             track = pipeline.answer(round((1 + t) * 1e9), image).track
             if track is not None:
                 tracked += 1
                 assert not track.mismatch
-    assert tracked > 800
+    assert tracked > 400
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

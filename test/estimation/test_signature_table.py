@@ -171,7 +171,7 @@ def test_blocks_of_a_grid_follow_each_other(size):
 
 
 def test_poses_count_from_the_threshold_of_light_on_and_the_dark_ones_are_left_out():
-    scene = scene_with(x_m=[-5.0, 5.0, 5], y_m=[-3.0, 3.0, 25])
+    scene = scene_with(x_m=[-5.0, 5.0, 5], y_m=[-3.0, 3.0, 13])
     poses, peaks, parameters = rows_by_hand(scene)
     for threshold in (20.0, np.sort(peaks)[-30] * (1 - 1e-9)):
         table = build_table(scene, threshold)

@@ -98,7 +98,7 @@ def test_the_steady_covariance_solves_the_riccati_equation():
 @pytest.mark.parametrize("share", [0.0, 0.4])
 def test_errors_and_innovations_are_as_large_as_the_track_says(share):
     """The truth moves as the filter believes; the poses share one error in the given part."""
-    options, runs, count = dataclasses.replace(OPEN, common_share=share), 150, 15
+    options, runs, count = dataclasses.replace(OPEN, common_share=share), 80, 15
     rng = np.random.default_rng(31)
     transition, noise = motion(0.1, options)
     walk, root = np.linalg.cholesky(noise), np.linalg.cholesky(CORRELATED)
@@ -130,7 +130,7 @@ FRAMES = st.lists(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(FRAMES, st.integers(0, 2**32))
 def test_frames_out_of_order_give_exactly_the_track_of_frames_in_order(frames, seed):
     # Outliers, tracks found again and gaps longer than the shortest reset, all within the buffer.
@@ -269,7 +269,7 @@ def test_nearly_singular_covariances_lose_nothing_to_rounding(same):
     np.testing.assert_allclose(relative, np.eye(5), atol=1e-4)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32))
 def test_whatever_is_accepted_gives_a_finite_positive_definite_covariance(seed):
     rng = np.random.default_rng(seed)

@@ -36,7 +36,7 @@ def test_a_track_claims_no_more_than_errors_that_last_allow(shaded, low, high):
     constants = Constants(unclear_lasts_s=LASTS_S)
     found = [
         tracked(Tracker(settings, constants=constants), shaded, np.random.default_rng(seed))
-        for seed in range(20)
+        for seed in range(10)
     ]
     assert low < np.mean(found) < high
 

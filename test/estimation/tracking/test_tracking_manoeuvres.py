@@ -16,7 +16,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
 pytestmark = pytest.mark.filterwarnings("error")
-SECONDS, STEP_S = 150.0, 0.1
+STEP_S = 0.1
 
 
 def swaying(seconds, rng):
@@ -40,12 +40,12 @@ def reversing(seconds, rng):
     return STATION + np.outer(legs - 0.5, [0, 0, 0, 0, math.radians(30 * 1.3)])
 
 
-def tracked(path, seed, outliers=0.0):
+def tracked(path, seed, outliers=0.0, end_s=75.0):
     """Return which frames are strays, which are refused, and the errors of the tracks.
 
     These are in standard deviations, shape ``(n, 5)``, nan where a frame is refused; and squared.
     """
-    rng, seconds = np.random.default_rng(seed), np.arange(0, SECONDS, STEP_S)
+    rng, seconds = np.random.default_rng(seed), np.arange(0, end_s, STEP_S)
     noise = cramer_rao_bound(ForwardModel(load_scene("follow")), STATION).covariance
     root, tracker = np.linalg.cholesky(noise), Tracker(TrackerSettings())
     strays, off, squares = np.zeros(len(seconds), bool), np.full((len(seconds), 5), np.nan), []
@@ -72,7 +72,7 @@ def test_honest_frames_of_a_manoeuvre_pass_and_strays_among_them_do_not(path):
 
 
 def test_frames_of_an_abruptly_reversed_turn_are_in_the_track_and_no_sharper_than_they_are():
-    _, refused, off, squares = tracked(reversing, 5)
+    _, refused, off, squares = tracked(reversing, 5, end_s=150.0)
     assert refused.mean() <= 0.03
     assert np.nanmax(np.abs(off)) < 6
     assert squares.mean() < 7

@@ -41,7 +41,7 @@ def test_what_lasts_shows_light_as_rarely_as_is_said(monkeypatch, level, uneven)
     rng = np.random.default_rng(11)
     hits = 0
     for _ in range(runs):
-        hits += shown(FaintLight(5), daylight(rng, 60, level, uneven))[-1] is not None
+        hits += shown(FaintLight(5), daylight(rng, 20, level, uneven))[-1] is not None
     assert binom.ppf(1e-4, runs, 0.7 * odd / 2) <= hits <= binom.isf(1e-4, runs, odd / 2)
 
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uuv_optical_array.core.storage.formats import columns, csv_text, json_text
@@ -36,6 +36,7 @@ def refuse(constant):
 
 
 @given(NESTED)
+@settings(max_examples=50)
 def test_json_is_one_line_and_reads_back(value):
     text = json_text(value)
     assert "\n" not in text

@@ -44,8 +44,8 @@ def test_a_track_is_not_misled_by_dirt_that_some_images_do_not_tell(
     """
     estimator = Estimator(load_scene("follow")).wait()
     model, nees = ForwardModel(estimator.scene), []
-    times = np.arange(150)
-    level = np.full((150, 3), [0.0, 0.02, -0.02])
+    times = np.arange(100)
+    level = np.full((100, 3), [0.0, 0.02, -0.02])
     poses = np.column_stack([-7.5 + 0.02 * times, 0.1 * np.sin(0.05 * times), level])
     lights = model.light(poses)
     if dirty:
@@ -57,5 +57,5 @@ def test_a_track_is_not_misled_by_dirt_that_some_images_do_not_tell(
             if track is not None and i > 50:
                 off = track.pose - pose
                 nees.append(off @ np.linalg.solve(track.covariance, off))
-    assert len(nees) > 75 * runs
+    assert len(nees) > 40 * runs
     assert np.mean(nees) < most

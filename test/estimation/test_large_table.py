@@ -12,7 +12,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import yaml
-from command_line import begun, ended, interrupted, python
+from command_line import interrupted, python, run, text_of
 from conftest import PATIENCE_S
 from scenes import changed
 
@@ -123,17 +123,18 @@ def test_a_build_that_is_killed_leaves_whole_blocks_and_goes_on_with_the_others(
     assert_same_rows(path, finished)
 
 
-def test_ctrl_c_stops_the_command_and_the_same_command_finishes(tmp_path):
+def test_ctrl_c_stops_the_command_and_the_same_command_finishes(tmp_path, monkeypatch):
     spans = {axis: [*span[:2], 11] for axis, span in SPANS.items()}
     save_scene(changed("reference", table=spans), tmp_path / "sea.yaml", "A sea.")
     program = "from uuv_optical_array.programs import uuv_array; uuv_array()"
-    words = [sys.executable, "-c", program, "table", "--scene", "sea.yaml", "-o", "deep/t"]
+    words = ["table", "--scene", "sea.yaml", "-o", "deep/t"]
+    process = [sys.executable, "-c", program, *words, "--workers", "1"]
     # The first line comes once the first block is there.
-    code, out, error = interrupted([*words, "--workers", "1"], b"\n", cwd=tmp_path)
+    code, out, error = interrupted(process, b"\n", cwd=tmp_path)
     assert (code, re.findall(rb"Traceback|WARNING|ERROR", error)) == (130, []), error
     assert out == b"interrupted: the same command continues what is in deep/t\n"
-    with begun(words, cwd=tmp_path) as process:
-        out, _ = ended(process)
+    monkeypatch.chdir(tmp_path)
+    out = text_of(run, *words)
     table = build_table(load_scene(str(tmp_path / "sea.yaml")))
     assert f"deep/t: {len(table.poses)} signatures of {11**5} poses" in out
     assert "scene sea, " in out

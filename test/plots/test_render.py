@@ -18,6 +18,12 @@ from uuv_optical_array.forward.scene import load_scene
 run = functools.partial(command_line.run, "render")
 
 
+@pytest.fixture
+def two_ranges(monkeypatch):
+    """Draw the nearest and the farthest range, like which the three between them look."""
+    monkeypatch.setattr(render, "RANGES_M", (4.0, 8.0))
+
+
 def test_the_sheet_shows_each_motion_alone_at_each_range():
     sheet = sheet_poses()
     assert sheet.shape == (5, 7, 5)
@@ -30,9 +36,11 @@ def test_the_sheet_shows_each_motion_alone_at_each_range():
         np.testing.assert_allclose(sheet[:, column, 1 + dof] * scale, value)
 
 
+@pytest.mark.usefixtures("two_ranges")
 def test_render_draws_the_picture_and_says_what_the_scene_holds(tmp_path, monkeypatch):
-    # Each of five ranges takes a second to draw, and looks like these.
-    monkeypatch.setattr(render, "RANGES_M", (4.0, 8.0))
+    # Of the motions, none and a shift, and the profiles of the latter.
+    monkeypatch.setattr(render, "COLUMNS", COLUMNS[:3])
+    monkeypatch.setattr(render, "PROFILED", (2,))
     picture = tmp_path / "harbour.png"
     said = text_of(run, "--scene", "harbour", "--output", picture)
     named = "sea, responsivity, photodiode, saturation, adc"
@@ -44,7 +52,7 @@ def test_render_draws_the_picture_and_says_what_the_scene_holds(tmp_path, monkey
     assert [path.name for path in tmp_path.iterdir()] == ["harbour.png"]
 
 
-@pytest.mark.usefixtures("sketched")
+@pytest.mark.usefixtures("sketched", "two_ranges")
 def test_the_sheet_of_a_plume_is_that_of_its_time(tmp_path):
     words = ("--scene", "night_plume", "--time-s", 30, "--output", tmp_path / "sheet.png")
     printed = re.findall(r"to (\S+) counts", text_of(run, *words))
@@ -57,6 +65,7 @@ def test_the_sheet_of_a_plume_is_that_of_its_time(tmp_path):
     assert np.abs(then - before).max() > 50
 
 
+@pytest.mark.usefixtures("two_ranges")
 def test_images_of_several_lamps_are_drawn_below_one_another():
     scene = load_scene("leading_lights")
     model = ForwardModel(scene)

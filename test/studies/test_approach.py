@@ -44,6 +44,21 @@ def tank(tank_file):
     return load_scene(tank_file)
 
 
+@pytest.fixture
+def cut(monkeypatch):
+    """Return what leaves of the study the last so many frames of its dive."""
+
+    def cut_to(frames):
+        monkeypatch.setattr(approach, "FRAMES", frames)
+        for name in ("TIMES_S", "RANGES_M"):
+            monkeypatch.setattr(approach, name, getattr(approach, name)[-frames:])
+        case = CASES["dive"]._replace(path=CASES["dive"].path[-frames:])
+        monkeypatch.setattr(approach, "CASES", {"dive": case})
+        return case
+
+    return cut_to
+
+
 run = functools.partial(command_line.run, "study", "approach")
 
 
@@ -163,20 +178,17 @@ def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother(monkeyp
 
 
 @pytest.mark.usefixtures("sketched")
-def test_json_has_every_case_and_method_and_a_seed_fixes_it(tank, tank_file, tmp_path, monkeypatch):
-    # One of the three, for the time.
-    monkeypatch.setattr(approach, "CASES", {"dive": CASES["dive"]})
+def test_json_has_every_case_and_method_and_a_seed_fixes_it(tank, tank_file, tmp_path, cut):
+    dive = cut(11)  # one of the three, for the time
     picture = tmp_path / "approach.png"
     result = json_of(run, "--scene", tank_file, "--runs", 1, "--output", picture)
     assert result["picture"] == str(picture)
     assert picture.read_bytes().startswith(b"\x89PNG")
-    batches = list(simulate(tank, CASES["dive"], 2, np.random.default_rng(1), batch=1))
-    assert [errors.shape for errors in batches] == 2 * [(len(METHODS), 1, FRAMES, 5)]
-    again = gathered(tank, CASES["dive"], batches)
+    batches = list(simulate(tank, dive, 2, np.random.default_rng(1), batch=1))
+    assert [errors.shape for errors in batches] == 2 * [(len(METHODS), 1, 11, 5)]
+    again = gathered(tank, dive, batches)
     assert len(again.errors["moments"]) == 2
-    assert result["cases"]["dive"] == as_object(
-        CASES["dive"], gathered(tank, CASES["dive"], batches[:1])
-    )
+    assert result["cases"]["dive"] == as_object(dive, gathered(tank, dive, batches[:1]))
     assert (result["asked_runs"], result["seed"]) == (1, 1)
     (case,) = result["cases"].values()
     assert case["runs"] == 1
@@ -211,13 +223,13 @@ def test_a_case_that_was_cut_short_is_the_last_and_is_printed(tank_file, tmp_pat
     assert aim.split()[2:] == ["0.086", "0.040", "0.056", "1.000", "1.000"]
 
 
-def test_the_docking_smoother_beats_the_tracker_and_single_images(tank):
-    errors = simulate(tank, CASES["dive"], 5, np.random.default_rng(6))
-    result = gathered(tank, CASES["dive"], list(errors))
+def test_the_docking_smoother_beats_the_tracker_and_single_images(tank, cut):
+    dive = cut(21)  # from 6.5 m on
+    result = gathered(tank, dive, list(simulate(tank, dive, 5, np.random.default_rng(6))))
     last = {m: np.sqrt(np.nanmean(result.errors[m][:, -10:] ** 2, axis=(0, 1))) for m in METHODS}
     assert (last["docking"][1:] < last["least_squares"][1:]).all()
     assert (last["docking"][:3] < last["moments"][:3] / 3).all()
     squares = np.mean(result.errors["least_squares"] ** 2, axis=0) / result.bound**2
-    ratio = np.sqrt(np.mean(squares[20:]))
+    ratio = np.sqrt(np.mean(squares))
     # 5 runs of 21 frames, each with nuisances of its own.
     assert 0.7 < ratio < 1.3

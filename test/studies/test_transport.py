@@ -105,9 +105,15 @@ def test_poses_span_the_ranges_that_are_asked_for():
 def test_the_command_answers_every_water_and_draws_the_beam(tmp_path, monkeypatch):
     some = [CASES[0], CASES[-1]]  # each is compared above
     monkeypatch.setattr(transport, "CASES", some)
+    monkeypatch.setattr(transport, "DRIVE_IMAGES", 100)
+    drawn = []
+    monkeypatch.setattr(transport, "save", lambda *picture: drawn.append(picture))
     picture = tmp_path / "transport.svg"
     found = json_of(run, "--poses", "3", "--output", str(picture))
     assert found["complete"]
     assert [(row["water"], row["phase"], row["beam_deg"]) for row in found["law"]] == some
     assert [row["answered"] for row in found["poses"]] == 3 * len(SCENES) * [3]
-    assert "photons" in picture.read_text(encoding="utf-8")
+    ((figure, path),) = drawn
+    assert path == picture
+    (legend,) = figure.legends
+    assert {"photons", "law"} < {text.get_text() for text in legend.get_texts()}

@@ -15,6 +15,7 @@ from designs import scene_with
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.markers import CARETDOWN, CARETUP
+from scipy import stats
 from second_paper import second_angle, second_features, second_image
 
 from uuv_optical_array.estimation.signature.features import scene_parameters
@@ -52,7 +53,7 @@ def test_the_reconstruction_against_what_the_paper_states(statement):
 
 @given(
     st.sampled_from(["planar", "curved"]),
-    st.sampled_from([3, 5, 7, 21, 101]),
+    st.sampled_from([3, 5, 7, 21, 51]),
     st.floats(4, 8),
     st.sampled_from(["shift", "yaw"]),
     st.floats(0.2, 1.2),
@@ -81,16 +82,28 @@ def test_statements_of_several_points_are_those_of_the_second_implementation():
         assert found == pytest.approx(max(others) - at_7, abs=1e-6)
 
 
+def features_of_all(images, top):
+    """Return `second_features` of images ``(m, n, n)``, all at once."""
+    each, side = np.arange(len(images)), images.shape[-1]
+    row, column = np.divmod(images.reshape(len(images), -1).argmax(axis=1), side)
+    skews = [
+        stats.skew(np.gradient(profiles, axis=1), axis=1)
+        for profiles in (images[each, row], images[each, :, column])
+    ]
+    peaks = images.max(axis=(1, 2)) / top
+    return np.column_stack([peaks, (column + 1) / side, (row + 1) / side, *skews])
+
+
 def test_noise_is_the_mean_angle_between_noisy_rounded_readings():
     rng, at, shift = np.random.default_rng(2), Conditions("curved", 5, 8.0, "shift"), 0.03
     found = paper.noise_deg(SCENE, at, shift, np.random.default_rng(1), draws=500)
     counts = 1000 / second_image("curved", 5, [-4.0, 0, 0], 0).max()
     images = [counts * second_image("curved", 5, [-8.0, y, 0], 0) for y in (0, shift)]
-    top, angles = images[0].max(), []
-    for _ in range(500):
-        read = [np.rint(image + rng.standard_normal(image.shape)) for image in images]
-        u, v = (second_features(image, top) for image in read)
-        angles.append(np.degrees(np.arccos(u @ v / np.linalg.norm(u) / np.linalg.norm(v))))
+    read = [np.rint(image + rng.standard_normal((500, 5, 5))) for image in images]
+    u, v = (features_of_all(each, images[0].max()) for each in read)
+    np.testing.assert_allclose(u[7], second_features(read[0][7], images[0].max()), rtol=1e-12)
+    cosines = (u * v).sum(axis=1) / np.linalg.norm(u, axis=1) / np.linalg.norm(v, axis=1)
+    angles = np.degrees(np.arccos(cosines))
     spread = np.std(angles) * np.sqrt(2 / 500)
     assert abs(found - np.mean(angles)) < 5 * spread
     exact = second_angle("curved", 5, 8.0, "shift", shift)
@@ -210,6 +223,7 @@ def test_the_statements_are_marked_in_their_panels():
         for panel, of_panel in paper.panels().items()
     }
     figure = paper.draw(curves, "eren2016")
+    figure.set_layout_engine("none")  # which takes most of the time
     figure.draw_without_rendering()
     marked = set()
     for axes in figure.findobj(lambda artist: hasattr(artist, "get_xlim")):

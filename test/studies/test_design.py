@@ -115,20 +115,24 @@ def whole():
 
 
 @pytest.fixture
-def heard(monkeypatch):
-    """List the designs that are scored; a number appended to `heard.stop` presses Ctrl-C there."""
-    score = scores.score
+def heard(monkeypatch, whole):
+    """List the designs that are scored; at number `heard.stop` of them it is interrupted.
+
+    Their scores are those of `whole`.
+    """
+    there = {row.design: row for row in whole}
 
     class Heard(list):
         stop, end = None, KeyboardInterrupt
 
     heard = Heard()
 
-    def counted(scene, *others):
+    def counted(scene, poses, rng):
+        assert len(poses) == POSES
         if len(heard) == heard.stop:
             raise heard.end
         heard.append(Design.of(scene))
-        return score(scene, *others)
+        return there[heard[-1]]
 
     monkeypatch.setattr(scores, "score", counted)
     return heard

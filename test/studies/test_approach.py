@@ -46,15 +46,15 @@ def tank(tank_file):
 
 @pytest.fixture
 def cut(monkeypatch):
-    """Return what leaves of the study the last so many frames of its dive."""
+    """Return what leaves of the study the last so many frames of some cases."""
 
-    def cut_to(frames):
+    def cut_to(frames, *names):
         monkeypatch.setattr(approach, "FRAMES", frames)
         for name in ("TIMES_S", "RANGES_M"):
             monkeypatch.setattr(approach, name, getattr(approach, name)[-frames:])
-        case = CASES["dive"]._replace(path=CASES["dive"].path[-frames:])
-        monkeypatch.setattr(approach, "CASES", {"dive": case})
-        return case
+        cases = [CASES[name]._replace(path=CASES[name].path[-frames:]) for name in names]
+        monkeypatch.setattr(approach, "CASES", dict(zip(names, cases, strict=True)))
+        return cases
 
     return cut_to
 
@@ -179,7 +179,7 @@ def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother(monkeyp
 
 @pytest.mark.usefixtures("sketched")
 def test_json_has_every_case_and_method_and_a_seed_fixes_it(tank, tank_file, tmp_path, cut):
-    dive = cut(11)  # one of the three, for the time
+    (dive,) = cut(11, "dive")
     picture = tmp_path / "approach.png"
     result = json_of(run, "--scene", tank_file, "--runs", 1, "--output", picture)
     assert result["picture"] == str(picture)
@@ -203,9 +203,13 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(tank, tank_file, tmp
 
 
 @pytest.mark.usefixtures("sketched")
-def test_a_case_that_was_cut_short_is_the_last_and_is_printed(tank_file, tmp_path, monkeypatch):
+def test_a_case_that_was_cut_short_is_the_last_and_is_printed(
+    tank_file, tmp_path, monkeypatch, cut
+):
+    cut(11, *CASES)
+
     def simulate(scene, case, runs, rng):
-        yield np.zeros((len(METHODS), 2, FRAMES, 5))
+        yield np.zeros((len(METHODS), 2, 11, 5))
         if len(seen) == 1:
             raise KeyboardInterrupt
         seen.append(case)
@@ -224,7 +228,7 @@ def test_a_case_that_was_cut_short_is_the_last_and_is_printed(tank_file, tmp_pat
 
 
 def test_the_docking_smoother_beats_the_tracker_and_single_images(tank, cut):
-    dive = cut(21)  # from 6.5 m on
+    (dive,) = cut(21, "dive")  # from 6.5 m on
     result = gathered(tank, dive, list(simulate(tank, dive, 5, np.random.default_rng(6))))
     last = {m: np.sqrt(np.nanmean(result.errors[m][:, -10:] ** 2, axis=(0, 1))) for m in METHODS}
     assert (last["docking"][1:] < last["least_squares"][1:]).all()

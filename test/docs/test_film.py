@@ -1,5 +1,7 @@
 """The film of the first page is one, and is drawn by its command from the closed loop."""
 
+from dataclasses import replace
+
 import film
 import numpy as np
 from pages import ROOT
@@ -24,14 +26,16 @@ def test_the_film_that_is_shown_is_short_and_below_a_megabyte():
 def test_a_film_shows_the_lamp_off_and_the_state_in_its_colour(
     compiled_fit, tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr(film, "STEPS", 10)  # a frame a second
-    monkeypatch.setattr(film, "AFTER_S", 2.0)
-    film.main("dark_5_straight", "1", str(tmp_path / "film.gif"))
     (kind,) = kinds_named("dark_5_straight")
+    kind = replace(kind, since_s=6.0, until_s=10.0, dark_s=(6.0, 10.0))
+    monkeypatch.setattr(film, "kinds_named", {"a darkness": [kind]}.get)
+    monkeypatch.setattr(film, "STEPS", 10)  # a frame a second
+    monkeypatch.setattr(film, "BEFORE_S", 3.0)
+    monkeypatch.setattr(film, "AFTER_S", 2.0)
+    film.main("a darkness", "1", str(tmp_path / "film.gif"))
     told = capsys.readouterr().out
     with Image.open(tmp_path / "film.gif") as picture:
-        # From 5 s before the lamp goes out at 15 s until 2 s after it is back at 20 s.
-        assert picture.n_frames == 5 + 5 + 2
+        assert picture.n_frames == 3 + 4 + 2
         assert f"{picture.n_frames} frames" in told
         lit, named = [], []
         for number in range(picture.n_frames):
@@ -47,7 +51,7 @@ def test_a_film_shows_the_lamp_off_and_the_state_in_its_colour(
             title = np.asarray(picture.convert("RGB"))[:24].reshape(-1, 3).astype(float)
             off = {name: np.abs(title - wanted[name]).sum(axis=1) for name in wanted}
             named.append(max(off, key=lambda name: (off[name] < 60).sum()))
-    dark = [kind.dark(1, 10.0 + number) for number in range(len(lit))]
+    dark = [kind.dark(1, 3.0 + number) for number in range(len(lit))]
     assert min(count for count, off in zip(lit, dark, strict=True) if not off) > 4 * max(
         count for count, off in zip(lit, dark, strict=True) if off
     )

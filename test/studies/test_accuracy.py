@@ -192,6 +192,7 @@ def test_lamps_of_one_power_are_compared(tmp_path, monkeypatch):
     assert list(rows) == [(n, sea) for n in (1, 3) for sea in ("known", "drawn", "cloud")]
     assert matplotlib.image.imread(picture).shape[2] == 4
     figure = accuracy.draw(answer["lamps"][:5], "interrupted", "lamps")
+    figure.set_layout_engine("none")  # which takes most of the time
     figure.draw_without_rendering()
     for axes, dofs in zip(figure.axes, ([0], [1, 2], [3, 4]), strict=True):
         for key, heights in (

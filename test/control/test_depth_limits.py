@@ -40,7 +40,7 @@ class Upright(Pursuit):
 @example((1.2, 0.0, 0.0), 0.0, -0.3, 1.0, 20.0, "surface", True, 0.0)
 @example((0.5, 0.0, 0.0), 0.0, 0.0, 1.0, 2.0, "hold", False, 1.0)
 @example((0.5, 0.0, 0.0), 0.0, 0.1, 1.0, 2.0, "hold", True, -1.0)
-@settings(max_examples=6)
+@settings(max_examples=2)
 def test_without_light_it_leaves_no_depth_whatever_its_leader_did(
     speed, turn, bow, depth_m, coast_s, when_lost, measured, up
 ):

@@ -72,7 +72,7 @@ def test_light_in_glimpses_farther_apart_than_the_timeout_never_settles():
     pursuit.until("searching")
     pursuit.leader, pursuit.speed = pursuit.own - OPEN.station_m, np.zeros(3)
     while pursuit.state == "searching":
-        pursuit.light = pursuit.tick % 13 == 0  # each 1.3 s
+        pursuit.light = pursuit.tick % 7 == 0  # each 1.4 s
         pursuit.step()
     assert pursuit.state == "lost"
 

@@ -9,7 +9,7 @@ from uuv_optical_array.control.formation_settings import FormationSettings
 from uuv_optical_array.control.leader.motion import Glow
 from uuv_optical_array.core.errors import NoPose
 
-TICK_S, LIT_S = 0.1, 8.0
+TICK_S, LIT_S = 0.2, 8.0
 STD_M = 0.01
 OPEN = FormationSettings(min_distance_m=0.0)
 SHORT = SearchSettings(coast_s=4.0, search_time_s=10.0)

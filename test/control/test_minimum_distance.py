@@ -39,7 +39,7 @@ STILL = steady([0, 0, 0], [0, 0, 0])
 def test_a_range_biased_by_what_it_says_does_not_bring_the_follower_too_near(least_m, twist):
     s = FormationSettings(station_m=(-3.2, 0.0, 0.0), min_distance_m=least_m)
     # The station as it is measured lies within the minimum, and is reached without one.
-    errors, _ = follow(40, biased(1.0), twist, settings=s)
+    errors, _ = follow(30, biased(1.0), twist, settings=s)
     assert (nearest(errors, s) > 2.5) == (least_m > 0) == (nearest(errors, s) > 2.0)
 
 
@@ -201,5 +201,5 @@ def test_too_near_it_backs_off_until_it_is_not():
 
 def test_a_station_within_the_minimum_is_not_reached():
     s = FormationSettings(station_m=(-1.5, 0.0, 0.0), min_distance_m=3.0)
-    errors, _ = follow(40, twist=STILL, offset=(-4, 0, 0), published=PUBLISHED, settings=s)
+    errors, _ = follow(20, twist=STILL, offset=(-4, 0, 0), published=PUBLISHED, settings=s)
     assert 0 < nearest(errors, s) - MARGIN_M - 3.0 < 0.1

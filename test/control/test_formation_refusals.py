@@ -1,6 +1,7 @@
 """No broken, stray or stale pose steers; without a good one the follower stops."""
 
 import contextlib
+import functools
 
 import numpy as np
 import pytest
@@ -39,7 +40,7 @@ def test_no_numbers_whatever_make_a_command_that_is_none(frames):
         command = command_at(controller, now)
         assert np.isfinite(command).all()
         assert (np.abs(command) <= FASTEST + 1e-12).all()
-    for tick in range(1, 60):
+    for tick in range(1, 21):
         with contextlib.suppress(ValueError, NoPose):
             controller.update(now + 0.1 * tick, off_station([-1, 0, 0, 0, 0]), PUBLISHED, STILL)
         command = command_at(controller, now + 0.1 * tick)
@@ -81,16 +82,22 @@ REFUSED = [
 ]
 
 
+@functools.cache
+def commands_in_the_dark():
+    controller, now = under_way()
+    return [command_at(controller, now + 0.1 * tick) for tick in range(1, 60)]
+
+
 @pytest.mark.parametrize(("wrong", "words"), REFUSED)
 def test_what_is_refused_is_named_and_steers_nothing_and_alone_it_stops_the_follower(wrong, words):
-    (controller, now), (without, _) = under_way(), under_way()
+    controller, now = under_way()
     good = {"pose": STATION, "covariance": PUBLISHED, "rate": STILL}
-    for tick in range(1, 60):
+    for tick, expected in enumerate(commands_in_the_dark(), start=1):
         at = now + 0.1 * tick
         with pytest.raises((ValueError, NoPose), match=words):
             controller.update(**{"stamp_s": at, **good, **wrong})
         command = command_at(controller, at)
-        np.testing.assert_array_equal(command, command_at(without, at))
+        np.testing.assert_array_equal(command, expected)
         assert command.any() or tick >= 40  # the light's timeout of 1 s, and 3 s to stop
     assert not command.any()
 

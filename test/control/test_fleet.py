@@ -75,7 +75,7 @@ def test_followers_within_the_error_of_their_stations_keep_the_distance(count, c
 def test_near_its_station_each_sees_its_own_lamp_whole_and_no_other(count, chain):
     rng, model = np.random.default_rng(4), ForwardModel(load_scene("formation"))
     fleet = vee(count, chain)
-    for _ in range(100):
+    for _ in range(40):
         off = rng.uniform(-1, 1, (count + 1, 3)) * STATION_ERROR_M / math.sqrt(3)
         turned = rng.uniform(-0.15, 0.15, (count + 1, 2))
         vehicles = [

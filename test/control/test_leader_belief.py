@@ -69,15 +69,15 @@ def test_a_steady_turn_is_an_arc(turn):
 
 
 def test_a_turn_goes_over_to_another_and_ends():
-    belief, step = of([1.0], [at(0)], [[0.5, 0, 0]], [[0, 0.1]], [[0, -0.05]]), 0.002
+    belief, step = of([1.0], [at(0)], [[0.5, 0, 0]], [[0, 0.1]], [[0, -0.05]]), 0.005
     for _ in range(round(6.0 / step)):
         belief.pass_time(step)
     left = math.exp(-6.0 / TURN_S)
     expected = -0.05 * 6.0 + 0.15 * TURN_S * (1 - left)
     assert belief.headings[0, 1] == pytest.approx(expected, abs=1e-3)
     assert belief.motion(0)[1][1] == pytest.approx(-0.05 + 0.15 * left, abs=1e-3)
-    for _ in range(round((TURNING_S + 10 * TURN_S) / 0.1)):
-        belief.pass_time(0.1)
+    for _ in range(round((TURNING_S + 10 * TURN_S) / 0.2)):
+        belief.pass_time(0.2)
     assert belief.motion(0)[1] == pytest.approx([0, 0], abs=1e-4)
 
 

@@ -37,14 +37,14 @@ def test_leader_turns_to_port_and_dives_in_the_first_minute():
 
 
 def test_leader_path_is_smooth_bounded_and_periodic():
-    times = np.arange(0, 240, 0.01)
+    times = np.arange(0, 240, 0.05)
     linear, angular = (np.array(part) for part in zip(*map(leader_twist, times), strict=True))
     assert (linear == [0.5, 0, 0]).all()
     assert (angular[:, 0] == 0).all()
     assert np.degrees(np.abs(angular).max(axis=0)) == pytest.approx([0, 2.0, 3.5], abs=1e-4)
     # Never more than a vehicle with the default limits can follow.
-    assert np.abs(np.diff(angular, axis=0)).max() < VehicleLimits().acceleration[4] * 0.01
-    assert angular[12000:] == pytest.approx(angular[:12000], abs=1e-9)
+    assert np.abs(np.diff(angular, axis=0)).max() < VehicleLimits().acceleration[4] * 0.05
+    assert angular[2400:] == pytest.approx(angular[:2400], abs=1e-9)
     assert (angular[times < 12] == 0).all()
 
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -26,6 +26,7 @@ def record(*samples, max_gap_s=1.0):
 @given(
     st.lists(st.integers(1, 999_999_999), min_size=1, max_size=40), st.floats(0, 1), st.integers(0)
 )
+@settings(max_examples=40)
 def test_between_two_poses_position_is_linear_and_attitude_follows_the_great_arc(gaps, share, seed):
     rng = np.random.default_rng(seed)
     axes, angles = rng.standard_normal((len(gaps), 3)), rng.uniform(-3, 3, len(gaps))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -62,6 +62,7 @@ def test_velocity_ramps_at_the_limit_of_acceleration_and_stops_at_that_of_speed(
         st.tuples(*[st.floats(-1e6, 1e6)] * 6, st.floats(0.0, 0.5)), min_size=1, max_size=30
     )
 )
+@settings(max_examples=40)
 def test_limits_are_obeyed(commands):
     vehicle, limits = Vehicle(np.zeros(3)), VehicleLimits()
     for *command, dt in commands:

@@ -9,6 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import rclpy
 from command_line import begun, ended, python
 
 from uuv_optical_array import programs
@@ -152,12 +153,17 @@ def test_a_policy_is_printed_where_ros_is_secured_too():
     ("word", "code", "text"),
     [("--help", 0, "[--ros-args ...]"), ("--namespace", 2, "unrecognized arguments: --namespace")],
 )
-def test_help_and_a_wrong_option_end_the_program_without_a_policy(word, code, text):
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    with begun([sys.executable, "-m", security.__name__, word], env=environment) as process:
-        printed, told = ended(process, code)
+def test_help_and_a_wrong_option_end_the_program_without_a_policy(
+    monkeypatch, capsys, word, code, text
+):
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "false")  # as the program has it
+    with pytest.raises(SystemExit) as end:
+        security.main([word])
+    printed, told = capsys.readouterr()
+    assert end.value.code == code
     assert text in printed + told
     assert "<policy" not in printed
+    assert not rclpy.ok()
 
 
 def test_the_policy_has_the_form_of_the_schema():

@@ -101,7 +101,7 @@ KINDS = (
     "k-0.04,beam+0.6,power_x0.8,ambient_10,gradient_30,second_lamp_0.3,gains_0.01,dead_detector,"
     "stuck_detector,shade_0.05,half_shadow,mirrored,near_2m,noise,blob"
 )
-FRAMES = 6  # of each kind
+FRAMES = 3  # of each kind
 
 
 def frames_of(scene):

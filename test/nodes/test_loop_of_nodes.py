@@ -1,4 +1,4 @@
-"""A minute of the demonstration: five nodes in one loop by a simulated clock, faster than it."""
+"""The demonstration through its first turn: five nodes in one loop, faster than the clock."""
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -16,7 +16,7 @@ from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 
 RATE_HZ = 5
 START_NS, STEP_NS = 10**12, 10**9 // RATE_HZ
-OFF_S, ON_S, END_S = 20.0, 24.0, 60.0
+OFF_S, ON_S, END_S = 16.0, 20.0, 38.0
 STATION = np.array([-4.5, 0.0, 0.0])
 
 
@@ -65,7 +65,7 @@ class Loop:
         return np.array([*turn.apply(position(own) - self.leader_m), pitch, yaw])
 
 
-def test_a_minute_of_the_demonstration_with_a_lamp_that_goes_out(lab, compiled_fit):
+def test_the_demonstration_goes_on_after_a_lamp_was_out(lab, compiled_fit):
     loop = Loop(lab)
     while not loop.commands:
         loop.step()
@@ -76,7 +76,7 @@ def test_a_minute_of_the_demonstration_with_a_lamp_that_goes_out(lab, compiled_f
             pose = loop.step()
             poses[loop.now_ns] = pose
         assert lab.set(loop.simulator, "lamp_power", [power]).successful
-    assert np.linalg.norm(loop.leader_m - began_m) > 20
+    assert np.linalg.norm(loop.leader_m - began_m) > 12
     # The topic keeps its newest state, and the probe may have found it after the first one.
     assert loop.states[-3:] == ["locked", "coasting", "locked"]
     assert loop.states[:-3] in ([], ["waiting"])

@@ -90,9 +90,9 @@ def test_the_leader_waits_for_the_first_command_and_then_for_none(basin):
     basin.order()
     basin.lab.report(basin.node, DiagnosticStatus.OK)
     # It speeds up from the beginning of its path; no other command has to come.
-    messages = [basin.tick()[0] for _ in range(250)]  # into the turn, which begins at 12 s
+    messages = [basin.tick()[0] for _ in range(200)]  # into the turn, which begins at 12 s
     surges = [message.twist.twist.linear.x for message in messages]
-    np.testing.assert_allclose(surges, np.minimum(ACCELERATION * np.arange(1, 251) / 10, 0.5))
+    np.testing.assert_allclose(surges, np.minimum(ACCELERATION * np.arange(1, 201) / 10, 0.5))
     assert rotation(messages[100]).magnitude() < 1e-12
     assert rotation(messages[-1]).as_euler("ZYX")[0] > np.radians(5.0)
     way = 0.5 * 3.0 - 0.5**2 / 2 / ACCELERATION

@@ -55,7 +55,7 @@ def test_a_folder_without_metadata_is_read_by_its_files(sent, tmp_path, storage)
     assert read(first) == (list(range(IMAGES)), {})
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(st.data())
 def test_of_a_file_that_is_cut_off_all_that_is_whole_is_read(whole, tmp_path_factory, data):
     content, ends = whole
@@ -167,7 +167,7 @@ def test_what_is_written_has_checksums_by_the_specification(own):
     assert read(own[0]) == (list(range(9)), {})
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.data())
 def test_of_an_own_bag_that_is_damaged_nothing_false_is_read(own, tmp_path_factory, data):
     folder, (first, last) = own

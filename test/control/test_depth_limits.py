@@ -60,15 +60,17 @@ def test_without_light_it_leaves_no_depth_whatever_its_leader_did(
         pursuit.step()
     pursuit.run(LIT_S)
     pursuit.light, went = False, pursuit.own[2]
-    turns = math.radians(OPEN.max_turn_deg_per_s) * TICK_S * OPEN.max_surge_m_per_s * OPEN.blind_s
-    most_m = depth_m + turns
+    sinks = TICK_S * OPEN.max_surge_m_per_s * OPEN.blind_s  # m, by a pitch rate of 1 rad/s
+    lit_m = turns = 0.0
     while pursuit.now < 46.0:
         if up:
             pursuit.following.glimmered(pursuit.now, Glow(0.0, up, 0.01))
         pursuit.step()
         off_m = pursuit.own[2] - went
         if pursuit.state == "locked":
-            most_m = max(most_m, abs(off_m) + TICK_S * OPEN.max_surge_m_per_s)
+            lit_m = max(lit_m, abs(off_m) + TICK_S * OPEN.max_surge_m_per_s)
+        turns = max(turns, abs(pursuit.twist[3]))
+        most_m = max(lit_m, depth_m + sinks * turns)
         assert off_m > -most_m
         assert off_m < most_m or (pursuit.state == "lost" and when_lost == "surface")
     assert pursuit.state == "lost"

@@ -31,12 +31,15 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.tracking.belief import correct
+from uuv_optical_array.estimation.tracking.filter import SHARES
 from uuv_optical_array.estimation.tracking.second_order import SecondOrder
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import POWER
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import lit_poses, uniform_poses
 from uuv_optical_array.studies import drives, lasting
+from uuv_optical_array.studies.closed_loops.kinds import kinds_named as troubles_named
+from uuv_optical_array.studies.closed_loops.runs import run_kind
 from uuv_optical_array.studies.mismatches.kinds import kinds_named
 from uuv_optical_array.studies.shared.course import course
 from uuv_optical_array.studies.shared.errors import FrameErrors
@@ -173,17 +176,22 @@ PARTS = [
     Part(
         "track: second order",
         {TRACK + "correction.second_order": straight},
-        ("drive drawn", "drive planar drawn"),
+        ("drive drawn", "drive planar drawn", "drive harbour drawn"),
     ),
     Part(
         "track: what the biases do not explain",
         {TRACK + "correction.UNLIKE": 0.0},
-        ("drive second_lamp_0.3",),
+        ("drive second_lamp_0.3", "loop other_crossing"),
     ),
     Part(
-        "track: manoeuvres and jumps",
-        {TRACK + "filter.SHARES": {"usual": 1.0}},
-        ("drive drawn", "drive dimmed"),
+        "track: manoeuvres",
+        {TRACK + "filter.SHARES": {"usual": 1.0, "jump": SHARES["jump"]}},
+        ("drive drawn", "loop turn_30"),
+    ),
+    Part(
+        "track: jumps",
+        {TRACK + "filter.SHARES": {"usual": 1.0, "manoeuvre": SHARES["manoeuvre"]}},
+        ("drive dimmed", "loop lamp_0.5"),
     ),
     Part(
         "track: detectors doubted before",
@@ -227,8 +235,9 @@ def owner_of(name: str) -> tuple[Any, str]:
 
 def scene_named(words: list[str]) -> Scene:
     """Return the scene that words ask for."""
-    if "leading_lights" in words:
-        return load_scene("leading_lights")
+    for word in ("leading_lights", "harbour"):
+        if word in words:
+            return load_scene(word)
     scene = load_scene("follow")
     if "planar" in words:
         return scene.with_shape("planar")
@@ -243,14 +252,15 @@ def measured(sea: str) -> list[Any]:
     """Return how many images of a sea were answered, how many false, NEES, and yardsticks.
 
     - sea: a kind of mismatch, after words for another scene, or ``off`` without the lamp, or one
-      of `DRAWS`; after ``drive``, of tracks, also ``drawn`` from the prior, or ``dimmed``.
+      of `DRAWS`; after ``drive``, of tracks, also ``drawn`` from the prior, or ``dimmed``; after
+      ``loop`` a kind of trouble in which followers go by their tracks.
     """
     *words, name = sea.split()
     scene, yardsticks = scene_named(words), None
     # Another process would compile what this one has changed as it was.
     estimator = Estimator(scene, compiled=True)
-    if "drive" in words:
-        parts = list(spread(partial(driven, estimator, name), DRIVES))
+    if track := TRACKS.keys() & words:
+        parts = list(spread(partial(TRACKS[track.pop()], estimator, name), DRIVES))
         errors, covariances = map(np.concatenate, zip(*parts, strict=True))
     else:
         errors, covariances, yardsticks = answered(estimator, name)
@@ -270,6 +280,16 @@ def driven(estimator: Estimator, name: str, i: int) -> tuple[Any, Any]:
         (kind,) = kinds_named(name, estimator.scene)
         tracks = lasting.drive(estimator, kind, DRIVE_S, RATE_HZ, rng).tracks
     return tracks.errors, tracks.covariances
+
+
+def looped(estimator: Estimator, name: str, i: int) -> tuple[Any, Any]:
+    """Return errors and covariances of the tracks of a follower, the latter without correlation."""
+    (kind,) = troubles_named(name)
+    (run,) = run_kind(kind, SEED + i, "kinematic", estimator)
+    return run.errors, run.stds[:, :, None] ** 2 * np.eye(5)
+
+
+TRACKS = {"drive": driven, "loop": looped}
 
 
 def dimmed(estimator: Estimator, rng: np.random.Generator) -> FrameErrors:

@@ -176,7 +176,8 @@ def search(problem: Problem, starts: Array, few: bool) -> list[State]:
         return minima
     found, minima = minima[:FOLLOWED], minima[:0]
     for state in found:
-        insert(minima, refine(problem, state.at, MOST_STEPS))
+        state = refine(problem, state.at, MOST_STEPS)
+        insert(minima, settle(problem, state.at))
     return minima
 
 

@@ -171,9 +171,9 @@ def calibrate(
     pitched[:, X], pitched[:, PITCH] = yawed[:, X], yawed[:, YAW] = -ranges, angles
     lines = []
     for poses, dofs in ((places, (X, Y, Z)), (pitched, (PITCH,)), (yawed, (YAW,))):
-        images = np.zeros((len(poses), side, side))
+        light, images = model.light(poses), np.zeros((len(poses), side, side))
         for _ in range(samples):
-            images += model.expose(poses, rng)
+            images += model.read(light, rng)
         values = measured(images / samples, spacing_m)
         lines += [np.polyfit(values[:, dof], poses[:, dof], 1)[::-1] for dof in dofs]
     return MomentCalibration(spacing_m, side, np.array(lines))

@@ -70,7 +70,7 @@ def test_the_light_is_that_of_the_second_forward_model(name, data):
 
 
 @given(scene=any_scenes(), pose=poses, data=st.data())
-@settings(reproducible, max_examples=50)
+@settings(reproducible, max_examples=100)
 def test_effects_together_give_the_light_of_the_second_forward_model(scene, pose, data):
     model = model_of(scene)
     assert_light(model, pose, 0.0, offsets_for(data, model), data.draw(times))

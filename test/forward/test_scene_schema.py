@@ -21,7 +21,7 @@ from uuv_optical_array.forward.scene_files import Layer, merged, scene_file
 
 SCHEMA = json.loads(schema_text())
 VALIDATOR = jsonschema.Draft7Validator(SCHEMA)
-reproducible = settings(max_examples=100)
+reproducible = settings(max_examples=200)
 
 OWNERS = {
     **{(group,): owner for group, owner in GROUPS.items()},

@@ -84,5 +84,5 @@ def test_light_of_no_lamp_is_not_taken_for_very_uneven_light(estimator):
 
 def test_light_of_the_largest_size_has_to_fit_better_than_most(estimator):
     """Of images drawn with that size half fit worse than the median; few would as if clear."""
-    poses, images = uneven(estimator, 2 * COUNT, {3.0: 1.0}, seed=7)
-    assert len(answers(estimator, poses, images)) < 0.6 * 2 * COUNT
+    poses, images = uneven(estimator, 4 * COUNT, {3.0: 1.0}, seed=7)
+    assert len(answers(estimator, poses, images)) < 0.6 * 4 * COUNT

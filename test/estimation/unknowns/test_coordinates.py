@@ -24,7 +24,7 @@ from uuv_optical_array.forward.lamp.beam import UNIT
 from uuv_optical_array.forward.model import ForwardModel
 
 pytestmark = pytest.mark.filterwarnings("error")
-reproducible = settings(max_examples=50)
+reproducible = settings(max_examples=100)
 ALIGNED = (-6.0, 0.0, 0.0, 0.0, 0.0)
 rolls = st.floats(-0.5, 0.5)
 
@@ -222,7 +222,7 @@ SEA_NAMES = ("sea.scattering_per_m", "lamp.power", "lamp.beam_sigma_deg", "sea.a
 @pytest.mark.parametrize(("effects", "names"), [(WATER, NAMES), (SEA, SEA_NAMES)])
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("lamp", [{}, LAMP], ids=["one Gaussian", "three Gaussians"])
-@settings(max_examples=30)
+@settings(max_examples=60)
 @given(pose=poses, offset=offsets)
 def test_there_and_back_with_slopes_that_are_differences(shape, lamp, effects, names, pose, offset):
     model = ForwardModel(make_scene(shape, effects=effects, **lamp))

@@ -74,12 +74,16 @@ def test_follow_that_never_sees_light_says_that_the_leader_was_lost(tmp_path):
     dark = tmp_path / "dark.yaml"
     dark.write_text("/**: {ros__parameters: {min_peak_counts: 60000.0}}\n", "utf-8")
     words = ("--duration", "2", "--params-file", dark, "--output", tmp_path / "x.png")
-    words += ("--seed", "3", "--exact-sea")
+    words += ("--seed", "3", "--exact-sea", "--followers", "2")
     with follow(*words, start_s=2.0, before=SKETCHING) as process:
         out, _ = ended(process, 1)
-    assert "sea: exactly that of scene follow, seed 3" in out.splitlines()
-    assert "lost the leader: it never set off; the log says what it waited for" in out
-    assert "0 poses" in out
+    never = []
+    for number, seed in ((1, 3), (2, 4)):
+        sea = f"follower {number}: sea: exactly that of scene follow, seed {seed}"
+        assert sea in out.splitlines()
+        never.append(f"follower {number}: it never set off; the log says what it waited for")
+    assert out.count("0 poses from") == 2
+    assert f"lost the leader: {'; '.join(never)}" in out
     assert not (tmp_path / "x.png").exists()
 
 

@@ -45,7 +45,11 @@ from uuv_optical_array.recording.bag import BagWriter
 
 DURATION = Quantity("duration of the run from the leader's start", "s", 1e-3, 1e6)
 SEED = Quantity(
-    "seed of sea and noise (default: the parameter file's, by default a new one)", "", -1, 2**31 - 1
+    "seed of sea and noise, one more for each further follower (default: the parameter file's, by "
+    "default a new one)",
+    "",
+    -1,
+    2**31 - 1,
 )
 
 
@@ -109,10 +113,6 @@ def run(args: argparse.Namespace) -> int:
         ros_args += ["-p", f"scene:={args.scene}"]
     if args.leader_path is not None:
         ros_args += ["-p", f"leader_path:={args.leader_path}"]
-    if args.seed is not None:
-        ros_args += ["-p", f"simulator_node:seed:={args.seed}"]
-    if args.exact_sea:
-        ros_args += ["-p", "simulator_node:draw_sea:=false"]
     follow = needs("ros", "uuv_optical_array.nodes.bringup.demo").follow
     terminal = sys.stdout.isatty()  # a file would get each line that the next one overwrites
     writer = BagWriter(bag_folder) if bag_folder else nullcontext()
@@ -122,7 +122,8 @@ def run(args: argparse.Namespace) -> int:
             if terminal:
                 live.update(live_line(record, elapsed_s), refresh=True)
 
-        records, interrupted = follow(ros_args, args.duration, on_tick, fleet, bag)
+        sea = args.seed, args.exact_sea
+        records, interrupted = follow(ros_args, args.duration, on_tick, fleet, bag, *sea)
     if bag_folder:
         print(f"bag: {bag_folder}")
     lost = []

@@ -36,7 +36,7 @@ from uuv_optical_array.nodes.shared.diagnostics import (
 )
 from uuv_optical_array.nodes.shared.messages import pose_from_message
 from uuv_optical_array.nodes.shared.node import spin, start, steady_clock
-from uuv_optical_array.nodes.simulator_node import SimulatorNode
+from uuv_optical_array.nodes.simulator_node import SEEDS, SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 from uuv_optical_array.recording.bag import RUN, BagWriter
 
@@ -163,9 +163,22 @@ def options_of(follower: Follower, fleet: Sequence[Follower]) -> dict[str, Any]:
     }
 
 
-def follower_nodes(leader: str, options: dict[str, Any]) -> tuple[RecorderNode, list[Node]]:
+def sea_of(number: int, seed: int | None, exact: bool) -> list[Parameter]:
+    """Return the parameters of the sea of a follower; numbers begin with 0."""
+    told: list[Parameter] = [Parameter("draw_sea", value=False)] if exact else []
+    if seed is not None:
+        own = (seed + number) % SEEDS if seed >= 0 else seed
+        told.append(Parameter("seed", value=own))
+    return told
+
+
+def follower_nodes(
+    leader: str, options: dict[str, Any], sea: Sequence[Parameter] = ()
+) -> tuple[RecorderNode, list[Node]]:
     """Return the recorder of a follower, as `RecorderNode`, and its nodes without the vehicle."""
-    simulator, formation = SimulatorNode(**options), FormationNode(**options)
+    overrides = [*options.get("parameter_overrides", ()), *sea]
+    simulator = SimulatorNode(**{**options, "parameter_overrides": overrides})
+    formation = FormationNode(**options)
     record = FollowRecord(tuple(formation.parameters["station_m"]), sea=simulator.sea_in_words)
     recorder = RecorderNode(record, simulator.scene, leader, **options)
     simulator.hand_over = partial(recorder.add, record.truth)
@@ -210,6 +223,8 @@ def follow(
     on_tick: Callable[[FollowRecord, float], None],
     fleet: Sequence[Follower] = (),
     bag: BagWriter | None = None,
+    seed: int | None = None,
+    exact_sea: bool = False,
 ) -> tuple[list[FollowRecord], bool]:
     """Run the demonstration in real time.
 
@@ -218,6 +233,9 @@ def follow(
     - on_tick: called at 5 Hz with the first follower's record so far and the elapsed time, s.
     - fleet: the followers, each in its namespace; empty: one in none, at the parameters' station.
     - bag: an open one, which gets what the nodes publish.
+    - seed: of the first follower's sea and noise, the next follower has the next; ``None``: as of
+      the parameters.
+    - exact_sea: whether the sea is exactly the scene's; else as of the parameters.
     - returned: a record for each follower, and whether a signal ended the run.
     - ValueError: where a node refuses a parameter or a scene, another run has the same topics, or
       the simulated clock stands.
@@ -229,8 +247,9 @@ def follow(
         leader = "/leader/odometry" if fleet else "leader/odometry"
         options = [options_of(follower, fleet) for follower in fleet] or [{}]
         recorders = []
-        for follower_options in options:
-            recorder, nodes = follower_nodes(leader, follower_options)
+        for number, follower_options in enumerate(options):
+            sea = sea_of(number, seed, exact_sea)
+            recorder, nodes = follower_nodes(leader, follower_options, sea)
             recorders.append(recorder)
             if bag is not None:
                 nodes.append(BagRecorderNode(bag, **follower_options))

@@ -38,7 +38,8 @@ def troubles() -> list[str]:
         "but the clouds of `night_plume`. Unless a kind says otherwise:",
         "- The leader sets off once all followers are locked, and moves at 0.5 m/s: straight on in "
         "the groups Darkness and Leader and in a chain, else on the demonstration's path.\n"
-        "- Currents and other speeds begin as the leader sets off, manoeuvres that a kind names 15 s later.\n"
+        "- Currents and other speeds begin as the leader sets off, manoeuvres that a kind names "
+        "15 s later.\n"
         "- Light, water and IMU change 15 s after the start of the run; the leader's lamp goes out "
         "beside another one after 20 s.\n"
         "- Wrong detectors, the clouds of `night_plume` and equal lamps aside are there from the "

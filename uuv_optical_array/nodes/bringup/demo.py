@@ -172,13 +172,9 @@ def sea_of(number: int, seed: int | None, exact: bool) -> list[Parameter]:
     return told
 
 
-def follower_nodes(
-    leader: str, options: dict[str, Any], sea: Sequence[Parameter] = ()
-) -> tuple[RecorderNode, list[Node]]:
+def follower_nodes(leader: str, options: dict[str, Any]) -> tuple[RecorderNode, list[Node]]:
     """Return the recorder of a follower, as `RecorderNode`, and its nodes without the vehicle."""
-    overrides = [*options.get("parameter_overrides", ()), *sea]
-    simulator = SimulatorNode(**{**options, "parameter_overrides": overrides})
-    formation = FormationNode(**options)
+    simulator, formation = SimulatorNode(**options), FormationNode(**options)
     record = FollowRecord(tuple(formation.parameters["station_m"]), sea=simulator.sea_in_words)
     recorder = RecorderNode(record, simulator.scene, leader, **options)
     simulator.hand_over = partial(recorder.add, record.truth)
@@ -245,11 +241,12 @@ def follow(
     try:
         refuse_other_runs([follower.namespace for follower in fleet] or [""])
         leader = "/leader/odometry" if fleet else "leader/odometry"
-        options = [options_of(follower, fleet) for follower in fleet] or [{}]
+        options = [options_of(follower, fleet) for follower in fleet]
+        options = options or [{"parameter_overrides": []}]
         recorders = []
         for number, follower_options in enumerate(options):
-            sea = sea_of(number, seed, exact_sea)
-            recorder, nodes = follower_nodes(leader, follower_options, sea)
+            follower_options["parameter_overrides"] += sea_of(number, seed, exact_sea)
+            recorder, nodes = follower_nodes(leader, follower_options)
             recorders.append(recorder)
             if bag is not None:
                 nodes.append(BagRecorderNode(bag, **follower_options))

@@ -25,6 +25,7 @@ import numpy as np
 
 from uuv_optical_array.cli import progress
 from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import YAW
 from uuv_optical_array.core.processes import spread
 from uuv_optical_array.core.storage.formats import cell, columns
 from uuv_optical_array.estimation.estimator import Estimator
@@ -217,7 +218,7 @@ def nearby(count: int, rng: np.random.Generator) -> Any:
 def turned(count: int, rng: np.random.Generator) -> Any:
     """Draw poses whose array looks past the lamp, so that its edge alone is lit."""
     poses = uniform_poses(count, rng)
-    poses[:, 4] = np.radians(rng.choice([-1, 1], count) * rng.uniform(90, 110, count))
+    poses[:, YAW] = np.radians(rng.choice([-1, 1], count) * rng.uniform(90, 110, count))
     return poses
 
 

@@ -133,10 +133,10 @@ def relative_pose(
     Origins are in a common frame, m, shape ``(..., 3)``; rotations are from each frame to it,
     ``(..., 3, 3)``.
     """
-    apart = follower_position - beacon_position
-    place = np.einsum("...i,...ij->...j", apart, beacon_rotation)
-    roll, pitch, yaw = roll_pitch_yaw(np.swapaxes(beacon_rotation, -1, -2) @ follower_rotation)
-    return np.array([*place.T, pitch.T, yaw.T]).T, roll
+    to_beacon = np.swapaxes(beacon_rotation, -1, -2)
+    place = to_beacon @ (follower_position - beacon_position)[..., None]
+    roll, pitch, yaw = roll_pitch_yaw(to_beacon @ follower_rotation)
+    return np.concatenate([place[..., 0], pitch[..., None], yaw[..., None]], axis=-1), roll
 
 
 def covariance_5x5(pose: ArrayLike, covariance: ArrayLike) -> Array:

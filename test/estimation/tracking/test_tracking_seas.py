@@ -67,6 +67,13 @@ def nees(off, covariance):
     return off @ np.linalg.solve(covariance, off)
 
 
+def followed(tracker, time_s, image, start):
+    """Return the track after an image, and the image's readings at its own fit."""
+    found, covariance = fitted(image, start, np.zeros(4), np.diag(STDS**2))
+    stamp, near = round((10 + time_s) * 1e9), functools.partial(linearise(), image)
+    return tracker.update(stamp, found.at[:5], covariance, found, near), found
+
+
 def tracked(frame, course=sweep, seas=4):
     """Return NEES of pose and constants, errors by std, and of the range, tracked and single."""
     rng = np.random.default_rng(3)
@@ -78,16 +85,8 @@ def tracked(frame, course=sweep, seas=4):
         lights = MODEL.with_gains(MODEL.light(poses, 0.0, offsets), gains)
         tracker = Tracker(TrackerSettings(gate_probability=1.0), constants=constants)
         for k, (pose, light) in enumerate(zip(poses, lights, strict=True)):
-            place, image = np.concatenate([pose, truth]), MODEL.read(light, rng).ravel()
-            stamp = round((10 + k * STEP_S) * 1e9)
-            found, covariance = fitted(image, place, np.zeros(4), np.diag(STDS**2))
-            track = tracker.update(
-                stamp,
-                found.at[:5],
-                covariance,
-                found,
-                lambda at, image=image: linearise()(image, at),
-            )
+            place = np.concatenate([pose, truth])
+            track, found = followed(tracker, k * STEP_S, MODEL.read(light, rng).ravel(), place)
             of_pose.append(nees(track.pose - pose, track.covariance))
             by_std.append((track.pose - pose) / np.sqrt(track.covariance.diagonal()))
             if k > 0.8 * FRAMES:
@@ -161,3 +160,21 @@ def test_what_makes_poses_without_readings_broad_is_one_error_of_all_poses(range
     assert track.covariance[1, 1] == pytest.approx(4 * along, rel=1e-3)
     learnt = track.constants[NAMES[0]]
     assert (learnt.mean, learnt.std) == pytest.approx((0, std))
+
+
+@pytest.mark.parametrize("step_s", [0.1, 2.0])
+@pytest.mark.parametrize(("share", "teaches"), [(0.0, True), (0.02, False)])
+def test_light_that_the_biases_do_not_explain_teaches_nothing_at_any_rate(step_s, share, teaches):
+    """It is too bright and too dim by a share from detector to detector, as beside another lamp."""
+    rng = np.random.default_rng(7)
+    constants = Constants(NAMES, tuple(STDS), GAIN_STD, 25, frame_of(MODEL))
+    tracker = Tracker(TrackerSettings(gate_probability=1.0), constants=constants)
+    checks = 1 - 2 * (np.indices((5, 5)).sum(axis=0) % 2)
+    lights = MODEL.light(poses := sweep(rng)[:40])
+    lights[-1] *= 1 + share * checks
+    gains = []
+    for k, (pose, light) in enumerate(zip(poses, lights, strict=True)):
+        place, image = np.concatenate([pose, np.zeros(4)]), MODEL.read(light, rng).ravel()
+        gains.append(followed(tracker, k * step_s, image, place)[0].gains)
+    changes = np.abs(gains[-1] - gains[-2]) / GAIN_STD
+    assert (changes.max() > 1e-3) == teaches

@@ -206,12 +206,13 @@ class Correction:
                 near = frame.near(self._coordinates.place(further)[0], self._constants)
             used = readings if near is None else near
             # Turned so that each number depends on one error fewer than the one before it.
-            lesson = triangular_factor(self._rows(before, expected, bend, used, alike))
-            of_biases = self._observation(lesson[5 : 5 + self._space.count])
-            if not (begins or self._explained(before, of_biases)):
+            turned = triangular_factor(self._rows(before, expected, bend, used))
+            of_biases = slice(5, 5 + self._space.count)
+            if not (begins or self._explained(before, self._observation(turned[of_biases]))):
                 return belief._replace(unlike=belief.unlike + 1)
-            taught = correct(before, of_biases)
-            of_pose = self._of_pose_alone(self._rows(before, expected, bend, used))
+            lesson = triangular_factor(self._rows(before, expected, bend, used, alike))
+            taught = correct(before, self._observation(lesson[of_biases]))
+            of_pose = self._observation(turned[:5])
             left = of_pose.innovation - of_pose.slopes @ (taught.mean - before.mean)
             of_pose = of_pose._replace(innovation=left)
             return self._curved(correct(taught, of_pose, teach=False))._replace(unlike=0)

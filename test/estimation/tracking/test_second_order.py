@@ -89,8 +89,7 @@ def test_a_pose_is_as_uncertain_as_straight_coordinates_bend_but_along_a_range()
     coordinates, space = JointCoordinates(constants.frame, ()), BiasSpace(constants, 3600.0)
     correction = Correction(space, constants, TrackerSettings(), math.inf)
     pose, stds = np.array([-6.0, 0.3, -0.4, 0.1, 0.2]), np.array([0.02, 0.02, 0.01, 0.02, 0.02])
-    at = coordinates.of(pose)
-    _, by = coordinates.place(at)
+    at, by = coordinates.of(pose)
     covariance = by @ np.diag(stds**2) @ by.T
     belief = space.begun(np.zeros(10), np.eye(10))
     belief.mean[:5], belief.covariance[:5, :5] = pose, covariance

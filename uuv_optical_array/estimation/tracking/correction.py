@@ -138,10 +138,10 @@ class Correction:
         It is not in the belief, which is Gaussian in those coordinates. Where ranges were used
         shortly before a stamp, ns, it adds nothing along the line of sight.
         """
-        straight, constants = self._straight(belief), self._space.offsets(belief)
+        straight, at = self._straight(belief)
 
         def slopes_at(pose: Array) -> Array:
-            return self._coordinates.place(np.concatenate([pose, constants]))[1][POSE, POSE]
+            return self._coordinates.place(np.concatenate([pose, at[5:]]))[1][POSE, POSE]
 
         modes = second_order(slopes_at, straight.mean[POSE], straight.covariance[POSE, POSE]).modes
         if stamp_ns - belief.ranged_ns < ALIKE_S * 1e9:
@@ -188,8 +188,7 @@ class Correction:
         linear at that: far from it, as at the prior's constants, readings mislead.
         """
         begins, alike = step_s == math.inf, max(1.0, PLACE_S / step_s)
-        before = self._straight(belief)
-        expected = np.concatenate([before.mean[POSE], self._space.offsets(belief)])
+        before, expected = self._straight(belief)
         bend = self._bend(before, expected, frame) if frame.bent else None
         rows = self._rows(before, expected, bend, readings)
         distance, shift = weigh(before.covariance, self._of_pose_alone(rows))
@@ -250,9 +249,8 @@ class Correction:
         if bend is not None:
             readings = readings._replace(residuals=readings.residuals - bend.shift)
             modes = bend.modes
-        at = self._coordinates.of(readings.at)
-        slopes = readings.slopes @ self._coordinates.place(at)[1]
-        whole = space.whitened(readings, slopes, modes, alike)
+        at, by = self._coordinates.of(readings.at)
+        whole = space.whitened(readings, readings.slopes @ by, modes, alike)
         off = self._coordinates.difference(expected, at)
         errors = straight.mean[STATE:-1].copy()
         errors[of] = off[5:] / space.stds[of]
@@ -275,13 +273,12 @@ class Correction:
         distance, _ = weigh(belief.covariance, of_biases)
         return distance**2 <= chdtri(count, UNLIKE)
 
-    def _straight(self, belief: Belief) -> Belief:
-        """Return a belief with the pose in straight coordinates."""
-        offsets = self._space.offsets(belief)
-        here = self._coordinates.of(np.concatenate([belief.mean[POSE], offsets]))
-        _, by = self._coordinates.place(here)
+    def _straight(self, belief: Belief) -> tuple[Belief, Array]:
+        """Return a belief with the pose in straight coordinates, and pose and constants in them."""
+        at = np.concatenate([belief.mean[POSE], self._space.offsets(belief)])
+        here, by = self._coordinates.of(at)
         back = solve(by[:5, :5], np.eye(5))
-        return self._turned(belief, here[:5], back, -back @ by[:5, 5:])
+        return self._turned(belief, here[:5], back, -back @ by[:5, 5:]), here
 
     def _curved(self, belief: Belief) -> Belief:
         """Return a belief with the pose in m and rad again."""

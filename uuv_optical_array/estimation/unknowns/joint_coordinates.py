@@ -62,13 +62,14 @@ def frame_with(joint: Joint, at: Any) -> CoordinateFrame:
     return CoordinateFrame(x, y, z, sigma, k_per_m, share, scattered, gaussians)
 
 
-def write_coordinates(joint: Joint, at: Any, coordinates: Any) -> None:
-    """Write the coordinates of pose and constants, shape ``(5 + q,)`` both, to a copy of these."""
+def write_coordinates(joint: Joint, at: Any, coordinates: Any, slopes: Any) -> None:
+    """Write the coordinates of pose and constants to a copy of these, and their slopes by them."""
     own = from_pose(frame_with(joint, at), (at[0], at[1], at[2], at[3], at[4]), 0.0)
     for i in range(5):
         coordinates[i] = own[i]
     if joint.power >= 0:
         coordinates[LOG_ATTENUATION] -= 0.5 * at[joint.power]
+    write_place(joint, coordinates, at.copy(), slopes)
 
 
 def write_place(joint: Joint, coordinates: Any, at: Any, slopes: Any) -> None:
@@ -105,8 +106,8 @@ def prepare(constants: Constants) -> None:
     if constants.frame is None:
         return
     joint, at = Joint(constants.frame, -1, -1, -1, -1), np.ones(5 + len(constants.names))
-    compilation.prepare(write_coordinates, joint, at, at.copy())
-    compilation.prepare(write_place, joint, at, at.copy(), np.eye(len(at)))
+    for write in (write_place, write_coordinates):
+        compilation.prepare(write, joint, at, at.copy(), np.eye(len(at)))
 
 
 class JointCoordinates:
@@ -124,12 +125,12 @@ class JointCoordinates:
         places = place(POWER), water, place(BEAM_SIGMA), place(SCATTERING)
         self._joint = Joint(frame, *places) if frame else None
 
-    def of(self, at: Array) -> Array:
-        """Return the coordinates of pose and constants, shape ``(5 + q,)`` both."""
-        coordinates = at.copy()
+    def of(self, at: Array) -> tuple[Array, Array]:
+        """Return the coordinates of pose and constants, and the slopes that `place` returns."""
+        coordinates, slopes = at.copy(), np.eye(len(at))
         if self._joint is not None:
-            compilation.loaded(write_coordinates)(self._joint, at, coordinates)
-        return coordinates
+            compilation.loaded(write_coordinates)(self._joint, at, coordinates, slopes)
+        return coordinates, slopes
 
     def place(self, coordinates: Array) -> tuple[Array, Array]:
         """Return pose and constants, ``(5 + q,)``, and their slopes, ``(5 + q, 5 + q)``."""

@@ -232,7 +232,7 @@ class FrameFilter:
         covariance[POSE] += step_s * covariance[RATE]
         covariance[:, POSE] += step_s * covariance[:, RATE]
         leader = swing(before.mean[POSE]) if obeys else np.eye(5)
-        walk = leader @ np.diag(np.square(self.walk)) @ leader.T
+        walk = (leader * np.square(self.walk)) @ leader.T
         covariance[:STATE, :STATE] += walk_noise(walk, step_s)
         # The attitude's error turns the own motion by so little that the random motion covers it.
         if obeys:

@@ -27,7 +27,7 @@ def walk_noise(walk: Array, step_s: float) -> Array:
     - step_s: length of the step, s, >= 0.
     """
     by_time = np.array([[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]])
-    return np.einsum("ij,kl->ikjl", by_time, walk).reshape(10, 10)
+    return (by_time[:, None, :, None] * walk[:, None, :]).reshape(10, 10)
 
 
 def swing(pose: Array) -> Array:

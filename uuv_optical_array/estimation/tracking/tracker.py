@@ -200,7 +200,7 @@ class Tracker:
         c, state = self._constants, self._history[-1] if self._history else self._previous
         if state is None or not c.unclear_lasts_s:
             return c.uneven
-        decay = float(drift(c.unclear_lasts_s, (stamp_ns - state.frame.stamp_ns) * 1e-9))
+        decay = drift(c.unclear_lasts_s, (stamp_ns - state.frame.stamp_ns) * 1e-9)
         return c.uneven + decay * (state.frame.shaded - c.uneven)
 
     def _test(self, stamp_ns: int, at: Array, frame: Measurement) -> None:

@@ -1,9 +1,9 @@
 """What a scene does not know of its sea and a tracker can learn: constants of the day."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.unknowns.coordinates import CoordinateFrame, frame_of
@@ -70,10 +70,10 @@ def constants_of(model: ForwardModel) -> Constants:
     )
 
 
-def drift(hold_s: ArrayLike, step_s: float) -> Array:
+def drift(hold_s: float, step_s: float) -> float:
     """Return what is left after a step, s, of what was known of constants, in (0, 1].
 
-    Constants drift as an Ornstein-Uhlenbeck process, each in its `hold_s`: its mean goes to 0, its
+    Constants drift as an Ornstein-Uhlenbeck process, in `hold_s`: their mean goes to 0, their
     variance to that of the prior and never beyond. A step before the start counts as 0.
     """
-    return np.exp(-max(step_s, 0.0) / np.asarray(hold_s, dtype=float))
+    return math.exp(-max(step_s, 0.0) / hold_s)

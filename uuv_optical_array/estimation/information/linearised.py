@@ -45,10 +45,10 @@ class LinearisedReadings(NamedTuple):
     light: Array
     variances: Array
 
+    @np.errstate(divide="ignore")
     def believed(self, weights: Array) -> "LinearisedReadings":
         """Return readings that count by weights in [0, 1], ``(n,)``; at 0 their variance is inf."""
-        says, nothing = weights > 0, np.full(len(weights), np.inf)
-        return self._replace(variances=np.divide(self.variances, weights, out=nothing, where=says))
+        return self._replace(variances=self.variances / weights)
 
     def pose_slopes(self, stds: Array, gain_std: float) -> Array:
         """Return how the pose that fits best follows the last constants, shape ``(5, q - k)``.
@@ -58,7 +58,8 @@ class LinearisedReadings(NamedTuple):
         """
         fitted, given = self.slopes[:, : len(stds)], self.slopes[:, len(stds) :]
         weighted = fitted.T / (self.variances + np.square(gain_std * self.light))
-        information = weighted @ fitted + np.diag(stds**-2.0)
+        information = weighted @ fitted
+        information.flat[:: len(stds) + 1] += stds**-2.0
         return -solve(information, weighted @ given)[:5]
 
 
@@ -81,7 +82,7 @@ class Lineariser:
         self._noise = model.own_noise
         self._write = write or write_linear
 
-    @np.errstate(under="ignore")  # of light too dim for a float64
+    @np.errstate(under="ignore", divide="ignore", invalid="ignore")  # of light that is too dim
     def __call__(self, readings: ArrayLike, at: ArrayLike, roll: float = 0.0) -> LinearisedReadings:
         """Linearise the likelihood of an image at pose and offsets of the constants, ``(5 + q,)``.
 
@@ -100,8 +101,8 @@ class Lineariser:
             image[1 + r] -= turned_with_beam(at[:5]) @ image[1:6]
             image[1 + r] *= math.cos(at[PITCH]) / math.cos(at[YAW])
         says = curvature > LEAST_CURVATURE
-        variances = np.divide(1.0, curvature, out=np.full(len(says), np.inf), where=says)
-        residuals = np.divide(score, curvature, out=np.zeros(len(says)), where=says)
+        variances = np.where(says, 1 / curvature, np.inf)
+        residuals = np.where(says, score / curvature, 0.0)
         light = image[0] - self._noise.black
         return LinearisedReadings(place, residuals, image[1:].T, light, variances)
 

@@ -28,7 +28,10 @@ class NoLamp:
     """
 
     def __init__(self, model: ForwardModel, kinds: Sequence[FrameKind]) -> None:
-        self._noise = kinds[0].problem.noise
+        self._noise = noise = kinds[0].problem.noise
+        # Of a reading inside of the limits, at least, where noise grows with the light.
+        grows = noise.slope > 0 or noise.square > 0
+        self._log_variance = math.log(reading_variance(noise.black, noise)) if grows else 0.0
         names = [name for name in DAYLIGHT if name in kinds[-1].names]
         self._light, slopes = without_lamps(model, names)
         self._even, _ = np.linalg.qr(np.vstack([np.ones(slopes.shape[1]), slopes]).T)
@@ -43,11 +46,9 @@ class NoLamp:
         off, noise = readings - self._light, self._noise
         along = off @ self._even
         squares = float(off @ off - along @ along)
+        inside = np.count_nonzero((noise.low < readings) & (readings < noise.high))
         log: float = -0.5 * squares / reading_variance(float(readings.max()), noise)
-        if noise.slope > 0 or noise.square > 0:
-            inside = np.count_nonzero((noise.low < readings) & (readings < noise.high))
-            log -= 0.5 * inside * math.log(reading_variance(noise.black, noise))
-        return log
+        return log - 0.5 * inside * self._log_variance
 
     def log_evidence(self, readings: Array, shares: Sequence[float]) -> float:
         """Return the logarithm of the probability of an image, less what all kinds have in common.

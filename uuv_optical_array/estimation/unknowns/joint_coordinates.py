@@ -124,17 +124,18 @@ class JointCoordinates:
         water = max(place(ATTENUATION), place(ABSORPTION))
         places = place(POWER), water, place(BEAM_SIGMA), place(SCATTERING)
         self._joint = Joint(frame, *places) if frame else None
+        self._slopes = np.eye(5 + len(names))  # of constants, and of a pose without a frame
 
     def of(self, at: Array) -> tuple[Array, Array]:
         """Return the coordinates of pose and constants, and the slopes that `place` returns."""
-        coordinates, slopes = at.copy(), np.eye(len(at))
+        coordinates, slopes = at.copy(), self._slopes.copy()
         if self._joint is not None:
             compilation.loaded(write_coordinates)(self._joint, at, coordinates, slopes)
         return coordinates, slopes
 
     def place(self, coordinates: Array) -> tuple[Array, Array]:
         """Return pose and constants, ``(5 + q,)``, and their slopes, ``(5 + q, 5 + q)``."""
-        at, slopes = coordinates.copy(), np.eye(len(coordinates))
+        at, slopes = coordinates.copy(), self._slopes.copy()
         if self._joint is not None:
             compilation.loaded(write_place)(self._joint, coordinates, at, slopes)
         return at, slopes

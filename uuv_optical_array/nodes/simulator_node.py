@@ -30,7 +30,12 @@ from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared import messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
-from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, shared
+from uuv_optical_array.nodes.shared.parameters import (
+    Parameter,
+    Parameters,
+    checked_topic,
+    shared,
+)
 
 PARAMETERS = {
     **shared(
@@ -101,7 +106,7 @@ class SimulatorNode(Node):
         self.leader = Trajectory(self.parameters["max_gap_s"])
         self.leader_frame, self.axes = "", self.parameters["odometry_axes"]
         self.others = {
-            topic: Trajectory(self.parameters["max_gap_s"])
+            checked_topic("others", topic): Trajectory(self.parameters["max_gap_s"])
             for topic in self.parameters["others"].split()
         }
         self.waiting: deque[Odometry] = deque()

@@ -12,8 +12,11 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from uuv_optical_array.control.vehicles.trajectory import MAX_GAP, MAX_GAP_S
 from uuv_optical_array.core.messages import BEACON_FRAME, BEACON_POSITION, Axes
@@ -160,6 +163,18 @@ class Parameters:
         except (ValueError, OSError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+
+def checked_topic(name: str, topic: str) -> str:
+    """Return the name of a topic; ValueError for a text that cannot name one."""
+    try:
+        validate_full_topic_name(expand_topic_name(topic, "node", "/space"))
+    except (ValueError, InvalidTopicNameException):
+        raise ValueError(
+            f"{name}: {topic!r} cannot name a topic; give words of letters, digits and _ between "
+            "slashes, none of which begins with a digit, such as /rov_2/odometry"
+        ) from None
+    return topic
 
 
 SHARED = {

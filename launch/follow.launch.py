@@ -14,6 +14,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import ExecutableInPackage
 
+from uuv_optical_array.control.formation_settings import STATION, FormationSettings
 from uuv_optical_array.control.vehicles.leader_path import leader_path
 from uuv_optical_array.core.settings import Place, check
 from uuv_optical_array.core.storage import yaml_text
@@ -25,6 +26,7 @@ from uuv_optical_array.nodes.bringup.launch_arguments import (
     enclave,
     log_unknown,
 )
+from uuv_optical_array.nodes.shared.parameters import checked_topic
 from uuv_optical_array.nodes.vehicles_node import PARAMETERS
 from uuv_optical_array.recording.bag import RUN
 
@@ -63,6 +65,9 @@ def nodes(context):
         load_scene(given("scene"))
     if given("leader_path"):
         leader_path(given("leader_path"))
+    checked_topic("leader_odometry", given("leader_odometry"))
+    for topic in given("others").split():
+        checked_topic("others", topic)
     for name in ("scene", "frame_prefix", "leader_frame", "others", "leader_path"):
         if given(name):
             arguments[name] = ParameterValue(given(name), value_type=str)
@@ -74,9 +79,8 @@ def nodes(context):
     elif switched_on("rviz"):
         arguments["publish_tf"] = True
     if given("station"):
-        station = yaml_text.parse(given("station"))
-        bounded = Annotated[Place, PARAMETERS["station_m"].quantity]
-        arguments["station_m"] = list(check(bounded, station, "station"))
+        station = check(Annotated[Place, STATION], yaml_text.parse(given("station")), "station")
+        arguments["station_m"] = list(FormationSettings(station).station_m)
     alone = given("demo") in ("leader", "follower")
     if alone:
         arguments["vehicles"] = given("demo")

@@ -254,6 +254,7 @@ def without_viewers():
     [
         ("follow", "station:=[1,2]", ("station", "[x, y, z]")),
         ("follow", "station:=[a,0,0]", ("'a' is not a number", "from -50 to 50 m\n")),
+        ("follow", "station:=[-0.2,0,0]", ("not behind the lamp", "from -50 to -0.5 m\n")),
         ("follow", "params_file:=/nowhere/p.yaml", ("/nowhere/p.yaml: no such file",)),
         ("follow", "scene:=nosuch", ("nosuch", "reference")),
         ("follow", "leader_path:=zigzags", ("'zigzags' is neither a ready path", "mean zigzag?")),
@@ -261,6 +262,8 @@ def without_viewers():
         ("follow", "demo:=maybe", ("demo", "maybe", "'true'", "'false'")),
         ("formation", "followers:=0", ("followers: 0",)),
         ("formation", "followers:=x", ("followers: 'x' is not a whole number", "1 to 4 in a ch")),
+        ("follow", "leader_odometry:=rov-1/odometry", ("'rov-1/odometry' cannot name a topic",)),
+        ("follow", "others:=/rov_2//odometry", ("others: '/rov_2//odometry' cannot name",)),
         ("follow", "log_level:=loud", ("log_level", "loud", "'debug'", "'fatal'")),
         ("follow", "followers:=two demo:=leader", ("'two' is not a whole number", "1 to 100\n")),
         *without_viewers(),

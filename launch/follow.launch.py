@@ -16,11 +16,12 @@ from launch_ros.substitutions import ExecutableInPackage
 
 from uuv_optical_array.control.formation_settings import STATION, FormationSettings
 from uuv_optical_array.control.vehicles.leader_path import leader_path
-from uuv_optical_array.core.settings import Place, check
+from uuv_optical_array.core.settings import Place, Quantity, check
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.bringup.launch_arguments import (
     FOLLOW,
+    OF_LAUNCH,
     YES,
     declared,
     enclave,
@@ -34,6 +35,7 @@ PACKAGE = "uuv_optical_array"
 RESPAWN_DELAY_S = 0.2
 # For what ends at Ctrl-C, before launch uses force: launch's own 5 s are too few on a busy machine.
 PATIENCE = {"sigterm_timeout": LaunchConfiguration("sigterm_timeout", default="30")}
+TIMEOUT = Annotated[float, Quantity("before launch uses force", "s", 0, 3600)]
 # Where Fast DDS looks for a profile, from version 3 on and before it, which these have.
 PROFILES = "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"
 BEFORE_3 = "humble", "iron", "jazzy"
@@ -61,6 +63,9 @@ def nodes(context):
             raise FileNotFoundError(f"params_file {given('params_file')}: no such file")
         parameters.append(given("params_file"))
     arguments = {}
+    for name in OF_LAUNCH:  # with a bad one launch itself does not end
+        timeout = yaml_text.parse(LaunchConfiguration(name, default="0").perform(context))
+        check(TIMEOUT, timeout, name)
     if given("scene"):
         load_scene(given("scene"))
     if given("leader_path"):

@@ -264,6 +264,8 @@ def without_viewers():
         ("formation", "followers:=x", ("followers: 'x' is not a whole number", "1 to 4 in a ch")),
         ("follow", "leader_odometry:=rov-1/odometry", ("'rov-1/odometry' cannot name a topic",)),
         ("follow", "others:=/rov_2//odometry", ("others: '/rov_2//odometry' cannot name",)),
+        ("follow", "sigterm_timeout:=soon", ("timeout: 'soon' is not a number", "to 3600 s\n")),
+        ("formation", "sigkill_timeout:=-1", ("sigkill_timeout: -1 is out of bounds",)),
         ("follow", "log_level:=loud", ("log_level", "loud", "'debug'", "'fatal'")),
         ("follow", "followers:=two demo:=leader", ("'two' is not a whole number", "1 to 100\n")),
         *without_viewers(),

@@ -17,7 +17,6 @@ from launch_ros.substitutions import ExecutableInPackage
 from uuv_optical_array.control.formation_settings import STATION, FormationSettings
 from uuv_optical_array.control.vehicles.leader_path import leader_path
 from uuv_optical_array.core.settings import Place, Quantity, check
-from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.bringup.launch_arguments import (
     FOLLOW,
@@ -26,6 +25,7 @@ from uuv_optical_array.nodes.bringup.launch_arguments import (
     declared,
     enclave,
     log_unknown,
+    parsed,
 )
 from uuv_optical_array.nodes.shared.parameters import checked_topic
 from uuv_optical_array.nodes.vehicles_node import PARAMETERS
@@ -64,8 +64,8 @@ def nodes(context):
         parameters.append(given("params_file"))
     arguments = {}
     for name in OF_LAUNCH:  # with a bad one launch itself does not end
-        timeout = yaml_text.parse(LaunchConfiguration(name, default="0").perform(context))
-        check(TIMEOUT, timeout, name)
+        timeout = LaunchConfiguration(name, default="0").perform(context)
+        check(TIMEOUT, parsed(name, timeout), name)
     if given("scene"):
         load_scene(given("scene"))
     if given("leader_path"):
@@ -84,12 +84,12 @@ def nodes(context):
     elif switched_on("rviz"):
         arguments["publish_tf"] = True
     if given("station"):
-        station = check(Annotated[Place, STATION], yaml_text.parse(given("station")), "station")
+        station = check(Annotated[Place, STATION], parsed("station", given("station")), "station")
         arguments["station_m"] = list(FormationSettings(station).station_m)
     alone = given("demo") in ("leader", "follower")
     if alone:
         arguments["vehicles"] = given("demo")
-        wanted = yaml_text.parse(given("followers"))
+        wanted = parsed("followers", given("followers"))
         arguments["followers"] = PARAMETERS["followers"].check("followers", wanted)
         if given("frame_prefix"):
             arguments["world_frame"] = "/odom"  # that of the leader

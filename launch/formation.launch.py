@@ -7,13 +7,13 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
 
 from uuv_optical_array.control.fleet import vee
-from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.nodes.bringup.launch_arguments import (
     EACH,
     FORMATION,
     YES,
     declared,
     log_unknown,
+    parsed,
 )
 
 
@@ -29,7 +29,7 @@ def fleet(context):
     def given(name):
         return LaunchConfiguration(name).perform(context)
 
-    followers = vee(yaml_text.parse(given("followers")), given("chain") in YES)
+    followers = vee(parsed("followers", given("followers")), given("chain") in YES)
     space = given("namespace").strip("/")
     root = f"/{space}/" if space else "/"
     source = PythonLaunchDescriptionSource(

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, FORMATION, unknown
+from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, FORMATION, parsed, unknown
 
 FILE = "/share/uuv_optical_array/launch/follow.launch.py"
 WORDS = "ros2", "launch", "uuv_optical_array", "follow.launch.py"
@@ -29,3 +29,9 @@ def test_arguments_of_a_users_own_launch_file_are_its_own():
     assert unknown(FILE, FOLLOW, ["ros2", "launch", "boat.launch.py", "rudder:=2"]) == []
     assert unknown(FILE, FOLLOW, ["ros2", "launch", "p", "formation.launch.py", "chain:=1"]) == []
     assert unknown("formation.launch.py", FORMATION, ["x/formation.launch.py", "chain:=1"]) == []
+
+
+def test_a_value_that_is_no_yaml_is_refused_by_the_name_of_its_argument():
+    with pytest.raises(ValueError, match="station: not YAML: line 1: "):
+        parsed("station", "[-4.5, 0, 0")
+    assert parsed("station", "[-4.5, 0, 0]") == [-4.5, 0, 0]

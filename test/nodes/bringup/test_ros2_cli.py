@@ -254,6 +254,7 @@ def without_viewers():
     [
         ("follow", "station:=[1,2]", ("station", "[x, y, z]")),
         ("follow", "station:=[a,0,0]", ("'a' is not a number", "from -50 to 50 m\n")),
+        ("follow", "station:=[-4.5,0,0", ("station: not YAML: line 1",)),
         ("follow", "station:=[-0.2,0,0]", ("not behind the lamp", "from -50 to -0.5 m\n")),
         ("follow", "params_file:=/nowhere/p.yaml", ("/nowhere/p.yaml: no such file",)),
         ("follow", "scene:=nosuch", ("nosuch", "reference")),
@@ -261,6 +262,7 @@ def without_viewers():
         ("formation", "leader_path:=x.csv", ("'x.csv' is neither a ready path nor a file",)),
         ("follow", "demo:=maybe", ("demo", "maybe", "'true'", "'false'")),
         ("formation", "followers:=0", ("followers: 0",)),
+        ("formation", "followers:={", ("followers: not YAML: line 1",)),
         ("formation", "followers:=x", ("followers: 'x' is not a whole number", "1 to 4 in a ch")),
         ("follow", "leader_odometry:=rov-1/odometry", ("'rov-1/odometry' cannot name a topic",)),
         ("follow", "others:=/rov_2//odometry", ("others: '/rov_2//odometry' cannot name",)),

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.core.storage.files import PACKAGE
 
 LEVELS = "debug", "info", "warn", "error", "fatal"
@@ -99,6 +100,14 @@ def declared(arguments: Mapping[str, tuple[str, str]]) -> list[Any]:
             DeclareLaunchArgument(name, default_value=default, description=text, choices=words)
         )
     return actions
+
+
+def parsed(name: str, text: str) -> Any:
+    """Return the value of an argument that is YAML; ValueError, which names it, for what is not."""
+    try:
+        return yaml_text.parse(text)
+    except ValueError as reason:
+        raise ValueError(f"{name}: {reason}") from None
 
 
 def unknown(file: str, arguments: Mapping[str, tuple[str, str]], words: Sequence[str]) -> list[str]:

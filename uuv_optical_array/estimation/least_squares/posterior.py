@@ -204,7 +204,8 @@ def by_nine_nodes(
     """
     logs, size = np.empty(9), lattice.ats.shape[1]
     start, straight, step = np.empty(size), np.empty(size), np.sqrt(3.0) / SPACING
-    one, other = step * basis[:, 0], step * basis[:, 1]
+    one = step * basis[0, 0], step * basis[1, 0]
+    other = step * basis[0, 1], step * basis[1, 1]
     logs[0] = np.log(16 / 36)
     # Four along the axes, one after its opposite, then four corners, from the first axis.
     for node in range(1, 9):

@@ -147,7 +147,8 @@ def direction(readings: Array, guide: Guide) -> Array:
     length = 0.0
     for i in range(len(unit)):
         length += unit[i] * unit[i]
-    unit /= np.sqrt(length)
+    for i in range(len(unit)):
+        unit[i] /= np.sqrt(length)
     return unit
 
 

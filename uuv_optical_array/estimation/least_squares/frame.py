@@ -185,7 +185,7 @@ def posterior_about(problem: Problem, minima: list[State]) -> PosteriorMoments:
     """Return the moments of the posterior that is connected with the best minimum that has any."""
     lattice = new_lattice(5 + len(problem.nuisance_mean))
     for state in minima:
-        moments = integrate(problem, state, lattice)
+        moments = integrate(problem, state, borrowed(lattice))
         if np.isfinite(moments.log_weight):
             break
     return moments

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import PITCH, Array
-from uuv_optical_array.core.numerics.elementwise import borrowed, stack
+from uuv_optical_array.core.numerics.elementwise import stack
 from uuv_optical_array.core.numerics.linear_algebra import cholesky
 from uuv_optical_array.estimation.least_squares.attitude_nodes import (
     Lattice,
@@ -251,12 +251,11 @@ def laplace(state: State) -> PosteriorMoments:
     return PosteriorMoments(log_weight, mean, covariance, 0)
 
 
-def integrate(problem: Problem, minimum: State, given: Lattice) -> PosteriorMoments:
+def integrate(problem: Problem, minimum: State, lattice: Lattice) -> PosteriorMoments:
     """Integrate the posterior that is connected with a minimum of the cost, over nodes.
 
     The weight is -inf where the image leaves no finite posterior.
     """
-    lattice = borrowed(given)
     write_node(problem, minimum, lattice, MINIMUM)
     if not np.isfinite(lattice.logs[0]):
         return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)

@@ -200,15 +200,17 @@ def test_weights_are_the_least_of_their_cost(estimator, heat):
     assert added == pytest.approx(costs)
 
 
+@pytest.mark.parametrize("slope", [0.0, 0.3])
 @pytest.mark.parametrize("light", [0.0, 80.0])
-def test_a_faulty_detector_is_as_often_dimmed_as_brighter(estimator, light):
+def test_a_faulty_detector_is_as_often_dimmed_as_brighter(estimator, light, slope):
     """One in a hundred is either; light in the noise counts as three of its deviations."""
-    noise = clear_problem(estimator).noise._replace(low=0.0, high=1e9, square=0.0)
+    noise = clear_problem(estimator).noise._replace(low=0.0, high=1e9, slope=slope, square=0.0)
     std = np.sqrt(noise.variance)
+    left_out = np.sqrt(2 * np.pi) * (1.0 if slope else std)  # of all costs
 
     def density(reading):
         log = log_faulty(np.array([reading]), np.array([light]), noise, np.zeros(1), 1)
-        return np.exp(log) / (np.sqrt(2 * np.pi) * std)  # less what all costs leave out
+        return np.exp(log) / left_out
 
     own = max(light, 3 * std)
     assert quad(density, 0, own)[0] == pytest.approx(0.005)

@@ -278,6 +278,17 @@ def test_odds_are_those_of_an_integral_over_what_is_more_unknown(clear_fit, name
     assert found == pytest.approx(wanted, rel=0.1, abs=0.3)
 
 
+def test_another_minimum_is_three_standard_deviations_from_the_pose(estimator):
+    kinds, guide = kinds_of(MODEL), guide_to(MODEL)
+    linear = LinearModel(MODEL, kinds, estimator.constants.names, writer_of_fits())
+    problem = kinds[0].problem._replace(readings=MODEL.light(POSE).ravel())
+    found = frame_of(problem, guide)(problem, guide, BELIEVED, POSE)
+    off = np.array([1.0, 0.5, -0.5, 0.3, 0.2])  # many standard deviations, which are no limit then
+    wider = found._replace(wider=True, runner_up=found.pose + off)
+    frame, _ = linear.about(kinds[0], problem, wider)
+    assert off @ np.linalg.solve(frame.covariance[:5, :5], off) == pytest.approx(9, rel=0.1)
+
+
 def test_a_fit_starts_where_a_rolled_follower_was_found():
     roll = np.radians(15)
     problem = kinds_of(MODEL)[0].problem._replace(roll=roll)

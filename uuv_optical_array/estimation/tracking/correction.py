@@ -207,6 +207,7 @@ class Correction:
             # Turned so that each number depends on one error fewer than the one before it.
             turned = triangular_factor(self._rows(before, expected, bend, used))
             of_biases = slice(5, 5 + self._space.count)
+            # By the noise of this frame: with that of a lesson the light of two lamps agrees.
             if not (begins or self._explained(before, self._observation(turned[of_biases]))):
                 return belief._replace(unlike=belief.unlike + 1)
             lesson = triangular_factor(self._rows(before, expected, bend, used, alike))

@@ -26,6 +26,11 @@ class ReadingNoise(NamedTuple):
     black: float = 0.0
 
 
+def grows(noise: ReadingNoise) -> bool:
+    """Say whether noise grows with the light, so that likelihoods have a share of its variance."""
+    return noise.slope > 0 or noise.square > 0
+
+
 @law
 def reading_variance(light: Any, noise: ReadingNoise) -> Any:
     """Variance of a reading, counts^2, by its light, counts (Eren et al. 2016, eq. 7)."""
@@ -37,5 +42,5 @@ def reading_variance(light: Any, noise: ReadingNoise) -> Any:
 def variance_slope(light: Any, noise: ReadingNoise) -> Any:
     """Slope of `reading_variance` by the light, counts; at an edge that of the darker side."""
     lit = maximum(light - noise.black, 0.0)
-    grows = noise.variance + (noise.slope + noise.square * lit) * lit > MIN_VARIANCE
-    return choose((lit > 0) & grows, noise.slope + 2 * noise.square * lit, 0.0)
+    more = noise.variance + (noise.slope + noise.square * lit) * lit > MIN_VARIANCE
+    return choose((lit > 0) & more, noise.slope + 2 * noise.square * lit, 0.0)

@@ -9,7 +9,7 @@ from scipy.special import erfcx, log_ndtr, ndtr
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import choose, indices, indices_where, law
-from uuv_optical_array.forward.noise import ReadingNoise, reading_variance, variance_slope
+from uuv_optical_array.forward.noise import ReadingNoise, grows, reading_variance, variance_slope
 
 FAR = 35.0  # standard deviations inside, where a limit says nothing
 ASYMPTOTIC = -37.0  # below this the series of Mills's ratio is right to 2e-12
@@ -76,7 +76,7 @@ def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, result: Any) -
     """
     for j in indices(len(light)):
         variance = reading_variance(light[j], noise)
-        if noise.slope > 0 or noise.square > 0:
+        if grows(noise):
             slope = variance_slope(light[j], noise)
             value, score, curvature = gaussian_growing(readings[j], light[j], variance, slope)
         else:

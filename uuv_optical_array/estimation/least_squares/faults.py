@@ -22,7 +22,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     start_at,
 )
 from uuv_optical_array.estimation.least_squares.starts import Guide, least_of, roots_of
-from uuv_optical_array.forward.noise import ReadingNoise, reading_variance
+from uuv_optical_array.forward.noise import ReadingNoise, grows, reading_variance
 
 FAULTY = 1e-2  # probability that a detector is faulty, in an image that does not fit
 AT_LIMIT = 0.25  # and how often it is then dark, or at full scale, for one that is neither
@@ -59,11 +59,6 @@ def lines_of_neighbours(out: NDArray[np.bool_]) -> NDArray[np.bool_]:
     rows = (square[:, :, 1:] & square[:, :, :-1]).any(axis=2, keepdims=True)
     columns = (square[:, 1:] & square[:, :-1]).any(axis=1, keepdims=True)
     return np.asarray(rows | columns).reshape(out.shape)
-
-
-def grows(noise: ReadingNoise) -> bool:
-    """Say whether the log-likelihood of a reading has a share of its variance."""
-    return noise.slope > 0 or noise.square > 0
 
 
 def write_squares(readings: Array, light: Array, noise: ReadingNoise, squares: Array) -> None:

@@ -12,7 +12,7 @@ from uuv_optical_array.estimation.information.likelihood import log_likelihood
 from uuv_optical_array.estimation.least_squares.frame_kinds import FrameKind
 from uuv_optical_array.forward.daylight import without_lamps
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.noise import reading_variance
+from uuv_optical_array.forward.noise import grows, reading_variance
 from uuv_optical_array.forward.prior import DAYLIGHT
 
 STEPS = 3  # of Gauss and Newton: readings at zero, or of photons, are not quite Gaussian
@@ -30,8 +30,8 @@ class NoLamp:
     def __init__(self, model: ForwardModel, kinds: Sequence[FrameKind]) -> None:
         self._noise = noise = kinds[0].problem.noise
         # Of a reading inside of the limits, at least, where noise grows with the light.
-        grows = noise.slope > 0 or noise.square > 0
-        self._log_variance = math.log(reading_variance(noise.black, noise)) if grows else 0.0
+        least = reading_variance(noise.black, noise) if grows(noise) else 1.0
+        self._log_variance = math.log(least)
         names = [name for name in DAYLIGHT if name in kinds[-1].names]
         self._light, slopes = without_lamps(model, names)
         self._even, _ = np.linalg.qr(np.vstack([np.ones(slopes.shape[1]), slopes]).T)

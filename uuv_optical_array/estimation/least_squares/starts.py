@@ -147,8 +147,9 @@ def direction(readings: Array, guide: Guide) -> Array:
     length = 0.0
     for i in range(len(unit)):
         length += unit[i] * unit[i]
+    length = np.sqrt(length)
     for i in range(len(unit)):
-        unit[i] /= np.sqrt(length)
+        unit[i] /= length
     return unit
 
 
